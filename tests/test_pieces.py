@@ -81,3 +81,96 @@ def test_a_file_whose_time_is_dropped_needs_a_period(tmp_path: Path) -> None:
         list(read_pieces(path, "gyro_z_deg_h", drop=["time_s"]))
     (piece,) = read_pieces(path, "gyro_z_deg_h", drop=["time_s"], period_s=0.5)
     assert piece.time_s[0] == 0.0
+
+
+MAPPED = {"gyro_deg_h": "w"}
+STEPS = np.arange(5000.0)  # pieces of a thousand rows begin at 1000, 2000, …
+
+
+def moments(first: str, step: str = "1s") -> pd.DatetimeIndex:
+    return pd.date_range(first, periods=len(STEPS), freq=step)
+
+
+def local(first: str) -> list[str]:
+    """Stamps of a clock in Berlin, in steps of one second from a moment in UTC."""
+    return moments(first).tz_localize("UTC").tz_convert("Europe/Berlin").strftime("%Y-%m-%d %H:%M:%S").tolist()
+
+
+TIMES = {
+    "dates": (moments("2024-03-11 23:50").strftime("%d.%m.%Y %H:%M:%S"), "t", []),
+    "zones": (moments("2024-03-11 23:50").strftime("%Y-%m-%dT%H:%M:%S.250+01:00"), "t", []),
+    "clock, midnight inside": (moments("2024-03-11 23:50").strftime("%H:%M:%S"), "t", ["roll_over"]),
+    "clock, midnight between pieces": (moments("2024-03-11 23:43:20").strftime("%H:%M:%S"), "t", []),
+    "ms since 1970": (1_700_000_000_000 + 1000 * STEPS.astype(np.int64), "t [ms]", []),
+    "ns since 1970": (1_700_000_000_000_000_000 + 10**9 * STEPS.astype(np.int64), "t [ns]", []),
+    "excel": (45000.0 + STEPS / 86400.0, "t [excel]", []),
+    "us, turning inside": ((2**32 - 1_500_000_000 + 10**6 * STEPS.astype(np.int64)) % 2**32, "t [us]", ["roll_over"]),
+    "us, turning between pieces": ((2**32 - 2_000_000_000 + 10**6 * STEPS.astype(np.int64)) % 2**32, "t [us]", []),
+    "ms, turning between pieces": ((2**32 - 3_000_000 + 1000 * STEPS.astype(np.int64)) % 2**32, "t [ms]", []),
+    "16 bits of ms, turning often": ((1000 * STEPS.astype(np.int64)) % 2**16, "t [ms]", ["roll_over"]),
+    "GPS week inside": ((604_800.0 - 1234.0 + STEPS) % 604_800.0, "t", ["roll_over"]),
+    "GPS week between pieces": ((604_800.0 - 3000.0 + STEPS) % 604_800.0, "t", []),
+    "clock put back inside": (local("2023-10-29 00:40"), "t", ["roll_over"]),
+    "clock put back between pieces": (local("2023-10-29 00:43:20"), "t", []),
+    "clock put forward inside": (local("2024-03-31 00:40"), "t", ["clock_put_forward"]),
+    "clock put forward between pieces": (local("2024-03-31 00:43:20"), "t", []),
+}
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize("kind", TIMES)
+def test_times_of_pieces_are_those_of_the_whole(tmp_path: Path, kind: str, suffix: str) -> None:
+    """Dates, epochs, clock times and clocks that begin again, within pieces and between them."""
+    stamps, source, inside = TIMES[kind]
+    rate = 10.0 + np.random.default_rng(1).standard_normal(len(STEPS))
+    path = written(pd.DataFrame({"t": np.asarray(stamps), "w": rate}), tmp_path / f"run{suffix}")
+    mapping = MAPPED | {"time_s": source}
+    whole = rlg.read(path, columns=mapping)
+    found = list(read_pieces(path, "gyro_deg_h", columns=mapping, rows=1000))
+    assert whole.time_s - whole.time_s[0] == pytest.approx(STEPS, abs=2e-5)
+    assert np.concatenate([piece.time_s for piece in found]) == pytest.approx(whole.time_s, abs=1e-5)
+    assert np.array_equal(np.concatenate([piece.rate_deg_h() for piece in found]), whole.rate_deg_h())
+    codes = {finding.message.code for piece in found for finding in piece.findings}
+    assert {f"recording.{code}" for code in inside} <= codes
+
+
+def test_sums_and_rows_of_units_of_pieces(tmp_path: Path) -> None:
+    rate = np.random.default_rng(1).standard_normal(len(STEPS))
+    at = moments("2024-03-11 23:50")
+    lines = [
+        f"{one:%d.%m.%Y};{one:%H:%M:%S};{w:.6f}".replace(".", ",").replace(f"{one:%d,%m,%Y}", f"{one:%d.%m.%Y}")
+        for one, w in zip(at, rate, strict=True)
+    ]
+    path = tmp_path / "run.csv"
+    path.write_text("Datum;Uhrzeit;w\n;;deg/s\n" + "\n".join(lines) + "\n")
+    mapping = MAPPED | {"time_s": "Datum + Uhrzeit"}
+    whole, found = rlg.read(path, columns=mapping), list(read_pieces(path, "gyro_deg_h", columns=mapping, rows=1000))
+    assert np.concatenate([piece.time_s for piece in found]) == pytest.approx(whole.time_s, abs=1e-9)
+    assert np.concatenate([piece.rate_deg_h() for piece in found]) == pytest.approx(3600.0 * rate, abs=0.002)
+    assert {"recording.decimal_comma", "recording.units_row"} <= {finding.message.code for finding in found[0].findings}
+    assert "recording.units_row" not in {finding.message.code for finding in found[1].findings}
+
+
+def test_a_time_that_labview_leaves_out_runs_on(tmp_path: Path) -> None:
+    rate = np.random.default_rng(1).standard_normal(len(STEPS))
+    head = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\t\n\t\nChannels\t1\t\n"
+    head += "Samples\t5000\t\nY_Unit_Label\tdeg/h\t\nX_Dimension\tTime\t\nX0\t0.0\t\nDelta_X\t0.5\t\n***End_of_Header***\t\t\n"
+    path = tmp_path / "run.txt"
+    path.write_text(head + "X_Value\tw\tComment\n" + "".join(f"\t{w:.6f}\t\n" for w in rate))
+    mapping = MAPPED | {"time_s": "X_Value"}
+    whole, found = rlg.read(path, columns=mapping), list(read_pieces(path, "gyro_deg_h", columns=mapping, rows=1000))
+    assert whole.time_s == pytest.approx(0.5 * STEPS)
+    assert np.concatenate([piece.time_s for piece in found]) == pytest.approx(whole.time_s)
+
+
+def test_dates_that_one_piece_does_not_show_are_refused(tmp_path: Path) -> None:
+    """The second piece alone has days above 12: what the first means is not known before."""
+    at = moments("2024-03-10", "2min")
+    path = written(
+        pd.DataFrame({"t": at.strftime("%d/%m/%Y %H:%M:%S"), "w": np.random.default_rng(1).standard_normal(len(at))}),
+        tmp_path / "run.csv",
+    )
+    with pytest.raises(rlg.InputError, match="may begin with the day or with the month"):
+        list(read_pieces(path, "gyro_deg_h", columns=MAPPED | {"time_s": "t"}, rows=1000))
+    stated = list(read_pieces(path, "gyro_deg_h", columns=MAPPED | {"time_s": "t [dd/mm/yyyy]"}, rows=1000))
+    assert np.concatenate([piece.time_s for piece in stated]) == pytest.approx(120.0 * STEPS)

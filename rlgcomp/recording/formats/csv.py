@@ -61,13 +61,24 @@ def load(path: Path) -> Contents:
 
 def header(path: Path) -> list[str]:
     """Column names of a text file."""
+    return names_and_dialect(path)[0]
+
+
+def names_and_dialect(path: Path) -> tuple[list[str], Dialect]:
+    """Column names of a text file, and how it is written.
+
+    Raises
+    ------
+    InputError
+        It is no table of text.
+    """
     try:
         written = _dialect(path)
     except _DAMAGED as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
     if not written.names:
         raise InputError(_no_table(path, written))
-    return names_of(written, path)
+    return names_of(written, path), written
 
 
 def _no_table(path: Path, written: Dialect) -> str:
@@ -92,9 +103,12 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
     """
     try:
         written = _dialect(path)
+        first = 0
         with _pandas(path, written, usecols=list(columns), chunksize=rows) as reader:
-            for table in reader:
-                yield tidied(table, written, path)[0][list(columns)]
+            for raw in reader:
+                table = tidied(raw.reset_index(drop=True), written, path, first=first)[0][list(columns)]
+                first += len(table)
+                yield table
     except (pd.errors.ParserError, UnicodeError) as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
 
@@ -151,7 +165,7 @@ def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
     return tidied(table, written, source)[0]
 
 
-def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+def tidied(table: pd.DataFrame, written: Dialect, path: str | Path, *, first: int = 0) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """A table without unnamed empty columns and repeated lines of names, its numbers with decimal commas as numbers.
 
     Parameters
@@ -161,6 +175,8 @@ def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.
         As the file is written.
     path : path
         Named in messages.
+    first : int
+        Rows of the file before those of the table.
 
     Raises
     ------
@@ -193,8 +209,8 @@ def tidied(table: pd.DataFrame, written: Dialect, path: str | Path) -> tuple[pd.
             elif commas and written.decimal != ",":
                 findings.append(Finding("noted", message("recording.decimal_comma"), name))
     if written.clock is not None:
-        name, first, step = written.clock
-        table[name] = first + step * np.arange(len(table))
+        name, begins, step = written.clock
+        table = table.assign(**{name: begins + step * np.arange(first, first + len(table))})
     return table, tuple(findings)
 
 

@@ -5,17 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.errors import InputError
-from rlgcomp.recording import TIME, Metadata, Recording, is_gyro
+from rlgcomp.recording import TIME, Finding, Metadata, Recording, is_gyro
 from rlgcomp.recording.formats import TABLE_COLUMNS, column_mapping, csv, parquet, read_sidecar
-from rlgcomp.recording.formats.mapping import apply_mapping, find_column, require_droppable
+from rlgcomp.recording.formats.mapping import Source, apply_mapping, require_droppable, source_names, sources_of
 from rlgcomp.recording.repair import repair
+from rlgcomp.recording.repair.running_time import range_s_between
+from rlgcomp.recording.times import clock_put_forward
+from rlgcomp.units import SECONDS_PER_HOUR
 
+Array = npt.NDArray[np.float64]
 ROWS: Final = 1 << 20  # rows of a piece
 SHARE: Final = 0.25  # of the machine's memory that a table may take before it is read in pieces
 
@@ -42,9 +47,11 @@ def gyros_of(path: Path, columns: Mapping[str, str] | None = None, drop: Sequenc
     drop : sequence of str
         Columns to leave out.
     """
-    names, _ = _opened(path, drop)
+    names = _opened(path, drop).names
     mapping = column_mapping(read_sidecar(path), path) | dict(columns or {})
-    mapped = {find_column(names, source, path.name)[0] for source in mapping.values()}
+    mapped = {
+        one.column for target, source in mapping.items() for one in sources_of(names, source, path.name, parts=target == TIME)
+    }
     return tuple(name for name in (*mapping, *(name for name in names if name not in mapped)) if is_gyro(name))
 
 
@@ -79,7 +86,7 @@ def read_pieces(
     path = Path(path)
     if rows < 1000:
         raise InputError(f"pieces of {rows} rows are too short to detect stuck samples; give 1000 or more")
-    names, stored = _opened(path, drop)
+    names, stored, file_units, reading = _opened(path, drop)
     sidecar_values = read_sidecar(path)
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
@@ -87,38 +94,127 @@ def read_pieces(
     if any(name in TABLE_COLUMNS for name in (*names, *mapping)):
         stated.setdefault("kind", "turntable")
     merged = Metadata.from_mapping(stated)
-    wanted = {target: find_column(names, mapping.get(target, target), path.name)[0] for target in _needed(gyro, period_s)}
-    needed = {target: mapping[target] for target in wanted if target in mapping}
-    first, last_s = 0, -np.inf
-    for table in _joined(_tables(path, list(dict.fromkeys(wanted.values())), rows), rows):
-        mapped, stated_units = apply_mapping(table, needed, name=path.name)
+    targets = _needed(gyro, period_s)
+    needed = {target: mapping[target] for target in targets if target in mapping}
+    sources = [one.column for target in targets for one in _sources(names, mapping.get(target, target), path, target)]
+    known = {column: unit for column, unit in file_units.items() if column in sources}
+    first, clock = 0, _RunningClock(path.name)
+    for table in _joined(_tables(path, list(dict.fromkeys(sources)), rows), rows):
+        mapped, stated_units = apply_mapping(table, needed, name=path.name, file_units=known)
         if period_s is not None:
             mapped = mapped.assign(**{TIME: period_s * np.arange(first, first + len(table))})
-        whole, findings = repair(mapped, merged, name=f"{path.name}, rows from {first}", stated_units=stated_units)
-        piece = Recording.repaired(whole, merged, name=path.name, truth=None, findings=findings)
-        if not piece.time_s[0] > last_s:
-            raise InputError(f"{path.name}: at row {first} time goes from {last_s:.9g} s to {piece.time_s[0]:.9g} s; sort the file")
-        last_s = float(piece.time_s[-1])
+        whole, findings = repair(
+            mapped,
+            merged,
+            name=f"{path.name}, rows from {first}",
+            stated_units=stated_units,
+            sources=source_names(needed, list(table.columns)),
+        )
+        whole = whole.assign(**{TIME: clock.running(whole[TIME].to_numpy(), findings, first)})
         first += len(table)
-        yield piece
+        yield Recording.repaired(whole, merged, name=path.name, truth=None, findings=reading + findings)
+        reading = ()
+
+
+class _RunningClock:
+    """Time that runs on from piece to piece: dates count from the first of all, and clocks that begin again are undone."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._began: pd.Timestamp | None = None
+        self._range_s: float | None = None  # of the clock that began again last
+        self._turned_s = 0.0
+        self._last_s = -np.inf
+        self._raw_last_s = np.nan
+
+    def running(self, time_s: Array, findings: Sequence[Finding], row: int) -> Array:
+        """Time of the next piece.
+
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+            As the piece was repaired: from its own first date, and without the falls of its clock.
+        findings : sequence of Finding
+            Of its repair.
+        row : int
+            With which it begins, for messages.
+
+        Raises
+        ------
+        InputError
+            It does not begin after the piece before.
+        """
+        found = [finding.message for finding in findings if finding.column == TIME]
+        began = next((pd.Timestamp(str(one.data["first"])) for one in found if one.code == "recording.dates"), None)
+        self._began = began if self._began is None else self._began
+        if began is not None and self._began is not None:
+            time_s = time_s + (began - self._began).total_seconds()
+        if not time_s[0] + self._turned_s > self._last_s:
+            self._turned_s += self._fall_s(float(time_s[0]))
+        elif self._ahead(time_s):
+            self._turned_s -= SECONDS_PER_HOUR
+        running = time_s + self._turned_s
+        if not running[0] > self._last_s:
+            raise InputError(
+                f"{self._name}: at row {row} time goes from {self._last_s:.9g} s to {running[0]:.9g} s; sort the file, "
+                "split it where a second run begins, or read it whole"
+            )
+        inside_s = 0.0
+        for one in found:
+            if one.code == "recording.roll_over":
+                self._range_s = float(one.data["range_s"])
+                inside_s += int(one.data["times"]) * self._range_s
+            elif one.code == "recording.clock_put_forward":
+                inside_s -= SECONDS_PER_HOUR
+        self._turned_s += inside_s
+        self._last_s, self._raw_last_s = float(running[-1]), float(time_s[-1]) - inside_s
+        return np.asarray(running)
+
+    def _fall_s(self, first_s: float) -> float:
+        """Range of the clock that begins again between two pieces; zero where none does."""
+        range_s = range_s_between(self._raw_last_s, first_s, dates=self._began is not None)
+        if not range_s and self._range_s and 0.0 < first_s + self._range_s - self._raw_last_s < 0.5 * self._range_s:
+            range_s = self._range_s
+        return range_s
+
+    def _ahead(self, time_s: Array) -> bool:
+        """Whether the clock was put forward between two pieces."""
+        if self._began is None or not np.isfinite(self._raw_last_s):
+            return False
+        period_s = float(np.median(np.diff(time_s)))
+        seconds = [self._raw_last_s - 2.0 * period_s, self._raw_last_s - period_s, self._raw_last_s, float(time_s[0])]
+        return bool(len(clock_put_forward(pd.Series(self._began + pd.to_timedelta(seconds, unit="s")))))
+
+
+def _sources(names: Sequence[str], text: str, path: Path, target: str) -> list[Source]:
+    return sources_of(names, text, path.name, parts=target == TIME)
 
 
 def _needed(gyro: str, period_s: float | None) -> tuple[str, ...]:
     return (gyro,) if period_s is not None else (TIME, gyro)
 
 
-def _opened(path: Path, drop: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-    """Names of the columns that are not dropped, and stored metadata."""
+class _Opened(NamedTuple):
+    """Names of the columns that are not dropped, stored metadata, units of a row of units, and findings of how it is written."""
+
+    names: list[str]
+    stored: dict[str, Any]
+    units: Mapping[str, str]
+    reading: tuple[Finding, ...]
+
+
+def _opened(path: Path, drop: Sequence[str]) -> _Opened:
     if not path.is_file():
         raise InputError(f"{path} does not exist, or is no file")
     if path.name.lower().endswith(parquet.SUFFIXES):
-        names, stored = parquet.header(path)
+        (names, stored), file_units, reading = parquet.header(path), {}, ()
     elif path.name.lower().endswith(csv.SUFFIXES) and path.suffix != ".gz":
-        names, stored = csv.header(path), {}
+        names, written = csv.names_and_dialect(path)
+        stored, file_units, reading = {}, written.units, written.findings
     else:
         raise InputError(f"{path}: only .parquet and plain .csv files are read in pieces; write it as one of these")
     require_droppable(drop, names, path.name)
-    return [name for name in names if name not in drop], stored
+    return _Opened([name for name in names if name not in drop], stored, file_units, reading)
 
 
 def _tables(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:

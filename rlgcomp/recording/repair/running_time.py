@@ -45,14 +45,21 @@ class RunningTime:
             if np.isnan(now_s):
                 continue
             if now_s < self._last_s:
-                self._turned_s += _range_s(self._last_s, now_s, dates=self._first is not None)
+                self._turned_s += range_s_between(self._last_s, now_s, dates=self._first is not None)
             self._last_s = now_s
             running[row] = now_s + self._turned_s
         return running
 
 
-def _range_s(before_s: float, after_s: float, *, dates: bool) -> float:
-    """Range of the clock that begins again between two times; zero where none does."""
+def range_s_between(before_s: float, after_s: float, *, dates: bool) -> float:
+    """Range of the clock that begins again between two times; zero where none does.
+
+    Parameters
+    ----------
+    before_s, after_s : float
+    dates : bool
+        They come from dates, of which only an hour can be put back.
+    """
     if dates:
         fall_s = before_s - after_s
         return units.SECONDS_PER_HOUR if 0.9 * units.SECONDS_PER_HOUR < fall_s < units.SECONDS_PER_HOUR else 0.0
