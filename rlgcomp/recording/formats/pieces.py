@@ -207,14 +207,15 @@ def _opened(path: Path, drop: Sequence[str]) -> _Opened:
     if not path.is_file():
         raise InputError(f"{path} does not exist, or is no file")
     if path.name.lower().endswith(parquet.SUFFIXES):
-        (names, stored), file_units, reading = parquet.header(path), {}, ()
+        names, stored = parquet.header(path)
+        opened = _Opened(names, stored, {}, ())
     elif path.name.lower().endswith(csv.SUFFIXES) and path.suffix != ".gz":
         names, written = csv.names_and_dialect(path)
-        stored, file_units, reading = {}, written.units, written.findings
+        opened = _Opened(names, {}, written.units, written.findings)
     else:
         raise InputError(f"{path}: only .parquet and plain .csv files are read in pieces; write it as one of these")
-    require_droppable(drop, names, path.name)
-    return _Opened([name for name in names if name not in drop], stored, file_units, reading)
+    require_droppable(drop, opened.names, path.name)
+    return opened._replace(names=[name for name in opened.names if name not in drop])
 
 
 def _tables(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFrame]:
