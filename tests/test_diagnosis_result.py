@@ -254,3 +254,38 @@ def test_the_command_diagnoses_a_quantity_that_is_no_gyro(folder: Path, tmp_path
     content = json.loads(command(folder, *arguments).stdout)
     assert content["output"] == {"column": "force_N", "unit": "N"}
     assert content["findings"][0]["parameters"]["k_deg_h_V"]["unit"] == "N/V"
+
+
+# --- in Python -----------------------------------------------------------------------------------------------------------------
+
+
+def test_a_finding_is_a_formula_and_a_function(found: Diagnosis, runs: list[Recording]) -> None:
+    (cause,) = found.causes
+    assert cause.latex.startswith("b = ")
+    values = cause(runs[2])
+    (run,) = found.test_runs
+    fitted = run.window_means(found.after.term(0, run))
+    called = run.window_means(run.on_bins_of_rows(values))
+    assert np.std(called - fitted) < 0.1 * found.after.white
+    library = pytest.importorskip("sympy", reason="SymPy is not installed (pip install 'rlgcomp[python]')")
+    assert library.Symbol("k_deg_h_V", real=True) in cause.sympy().free_symbols
+    assert library.Symbol("k_deg_h_V", real=True) not in cause.sympy(numbers=True).free_symbols
+
+
+def test_it_is_plotted_as_its_page_shows_it(found: Diagnosis) -> None:
+    from matplotlib import pyplot, use
+
+    use("agg")
+    axes = found.plot()
+    assert [axis.get_title(loc="left").partition(":")[0].partition(" (")[0] for axis in axes] == [
+        "run2",
+        "supply_voltage",
+        "Before and after, test runs",
+    ]
+    assert axes[1].get_xlabel() == "supply voltage, V"
+    _, axis = pyplot.subplots()
+    assert found.plot(axis, run="run0") is axis
+    assert axis.get_title(loc="left").startswith("run0 (train)")
+    with pytest.raises(InputError, match="run is 'run9'"):
+        found.plot(run="run9")
+    pyplot.close("all")

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import equations
 from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.turning import TimesRate
+from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording
 from rlgcomp.units import column_unit
 
 Array = npt.NDArray[np.float64]
@@ -90,6 +94,10 @@ class Cause:
         Of the output.
     indistinguishable_from : tuple of str
     rival_probabilities : tuple of float
+    mechanism : type of Mechanism, optional
+        Of that name.
+    terms : callable
+        What of it holds in other runs, as mechanisms.
     """
 
     name: str
@@ -106,6 +114,45 @@ class Cause:
     unit: str = DEG_H
     indistinguishable_from: tuple[str, ...] = ()
     rival_probabilities: tuple[float, ...] = ()
+    mechanism: type[Mechanism] | None = None
+    terms: Callable[[], Sequence[Mechanism]] = tuple
+
+    @property
+    def formula(self) -> str:
+        """The mechanism's equation where its parameters express the term, the form's elsewhere."""
+        return self.equation if self.mechanism is None or not self.parameters else self.mechanism().stated()
+
+    @property
+    def latex(self) -> str:
+        """The formula as LaTeX; of a mechanism in words the formula of its description."""
+        description = "" if self.mechanism is None or not self.parameters else self.mechanism.__doc__ or ""
+        return equations.latex(self.formula, description)
+
+    def sympy(self, *, numbers: bool = False) -> Any:
+        """The formula's right side as an expression of SymPy; with `numbers`, parameters have their fitted values.
+
+        Raises
+        ------
+        InputError
+            SymPy is not installed, or the formula is stated in words.
+        """
+        expression = equations.sympy(self.formula)
+        values = {name: one.value for name, one in self.parameters.items()} if numbers else {}
+        return expression.subs({symbol: values[str(symbol)] for symbol in expression.free_symbols if str(symbol) in values})
+
+    def __call__(self, recording: Recording) -> Array:
+        """What it contributes to a recording's output, by its drivers, in the unit of the output; shape (n,).
+
+        Raises
+        ------
+        InputError
+            It has nothing that holds for other runs, or the recording lacks a driver.
+        """
+        terms = self.terms()
+        if not terms:
+            raise InputError(f"{self.name} differs from run to run: what was found of one run says nothing of another")
+        rng = np.random.default_rng(0)  # no random numbers are drawn
+        return np.asarray(sum(term.contribution(recording, rng) for term in terms))
 
     @property
     def rms_deg_h(self) -> float:
@@ -151,12 +198,13 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         "unit": unit,
         "indistinguishable_from": one.indistinguishable_from,
         "rival_probabilities": tuple(min(rivals.get(name, 0.0), 1.0) for name in one.indistinguishable_from),
+        "mechanism": None if one.mechanism is None else catalogue.get(one.mechanism),
     }
     if one.region not in members:
         return _telegraph(fit, common)
     k, region = members.index(one.region), posterior.regions[one.region]
     form = fit.state.members[k].form
-    mechanism = None if one.mechanism is None else catalogue.get(one.mechanism)
+    mechanism = common["mechanism"]
     estimates = fit.parameters(k, mechanism)
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
     contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
@@ -169,6 +217,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         memory=region.memory,
         function=function_of(fit, k),
         rms=float(np.std(contribution)),
+        terms=functools.partial(mechanisms_of, fit, k, catalogue),
         **common,
     )
 

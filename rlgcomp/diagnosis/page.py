@@ -65,6 +65,7 @@ def render(record: Record) -> str:
         alike=[
             f"{one.name}: {listing(list(one.indistinguishable_from), 'or')}" for one in record.members if one.indistinguishable_from
         ],
+        bars=pictures.scores(proof),
         runs=pictures.before_and_after(record),
         scores=_frame(text.SCORE_COLUMNS, text.score_rows(record)),
         next=None if record.next_message is None else record.next_message.text,

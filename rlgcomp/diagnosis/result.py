@@ -163,6 +163,29 @@ class Diagnosis(Record, ShownAsTable):
     def heading(self) -> str:
         return self.sentence
 
+    def plot(self, ax: Any = None, *, run: str | None = None) -> Any:
+        """A run before and after, the function of the largest finding with its band, and the rms of runs before and after.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or sequence of Axes, optional
+            One for the run alone, or one for each panel; by default a new figure.
+        run : str, optional
+            Name of the run; by default the first test run, or else the first training run.
+
+        Returns
+        -------
+        Axes or ndarray of Axes
+
+        Raises
+        ------
+        InputError
+            There is no such run.
+        """
+        from rlgcomp.diagnosis.pictures import draw
+
+        return draw(ax, self, run)
+
     # --- files -----------------------------------------------------------------------------------------------------------------
 
     def save(self, folder: str | Path) -> None:

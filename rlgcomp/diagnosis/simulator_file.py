@@ -91,6 +91,14 @@ def simulator_of(fit: Fit, catalogue: Mapping[str, type[Mechanism]]) -> Simulato
     return SimulatorFile(dataclasses.replace(simulator, noise=noise), tuple(left_out), error)
 
 
+def mechanisms_of(fit: Fit, k: int, catalogue: Mapping[str, type[Mechanism]]) -> tuple[Mechanism, ...]:
+    """What of the k-th member holds in other runs, as mechanisms whose sum it is; none where all of it belongs to single runs."""
+    mechanisms, constant, _ = _Written(fit, catalogue).term(k)
+    if mechanisms and constant:
+        mechanisms = [*mechanisms, TabulatedLaw(cause="constant bias", knots=(0.0,), weights=(constant,))]
+    return tuple(mechanisms)
+
+
 def noise_of(fit: Fit) -> NoiseModel:
     """The noise of the fitted model, a wander of something unrecorded left out."""
     window_h = fit.data.runs[0].grid.window_s / SECONDS_PER_HOUR
