@@ -132,3 +132,16 @@ def _finished(path: Path) -> dict[str, Row]:
             if isinstance(row, dict) and "key" in row and "failure" not in row:
                 rows[row["key"]] = row
     return rows
+
+
+def import_all() -> None:
+    """Import what commands import when they run, so that processes forked from this one begin with their work."""
+    import importlib
+
+    from rlgcomp.cli import register_commands
+
+    register_commands()
+    modules = "pandas pyarrow.parquet h5py scipy.io scipy.optimize scipy.stats scipy.signal sklearn.kernel_ridge matplotlib.figure"
+    ours = "compensation.compensator simulation.simulator evaluation.evaluation evaluation.page recording.merge export.c fleet"
+    for name in (*modules.split(), *(f"rlgcomp.{one}" for one in ours.split())):
+        importlib.import_module(name)

@@ -42,6 +42,19 @@ def scratch_folder(parent: Path) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+@contextlib.contextmanager
+def temporary_folder(parent: str | Path | None = None) -> Iterator[Path]:
+    """Yield a new scratch folder in `parent`, by default in the system's folder for temporary files, which TMPDIR names.
+
+    Raises
+    ------
+    OSError
+        No folder can be made there.
+    """
+    with scratch_folder(Path(tempfile.gettempdir() if parent is None else parent)) as folder:
+        yield folder
+
+
 def publish(path: Path) -> None:
     """A file or a folder in a scratch folder takes its place beside that folder: at once, whatever stood there."""
     place = path.parent.parent / path.name
@@ -75,8 +88,13 @@ def recover(folder: Path, *, reading: str | None = None) -> None:
     """
     with contextlib.suppress(OSError):  # a folder that cannot be read or written needs no recovery by this process
         for entry in sorted(os.scandir(folder), key=lambda one: one.name):
-            if entry.name.startswith(PREFIX if reading is None else PUBLISHED) and entry.is_dir(follow_symlinks=False):
+            if entry.name.startswith(PREFIX if reading is None else PUBLISHED) and _is_own_folder(entry):
                 _recover_one(Path(entry.path), wait=reading is not None and (Path(entry.path) / reading).exists())
+
+
+def _is_own_folder(entry: os.DirEntry[str]) -> bool:
+    """Whether an entry is a folder of this user; what others put into a common folder is none of ours to publish."""
+    return entry.is_dir(follow_symlinks=False) and (os.name == "nt" or entry.stat(follow_symlinks=False).st_uid == os.geteuid())
 
 
 def flush(path: Path) -> None:

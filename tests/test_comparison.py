@@ -18,6 +18,11 @@ from rlgcomp.recording.comparison import compare, noise_of_means_deg_h, shares_m
 from rlgcomp.simulation.random_units import simulated_unit
 
 PROGRAMMES = ("short", "start 20, hold 40, ramp -20 1, hold 60, ramp 45 1, hold 30", "start 0, hold 30, ramp 50 0.7, hold 60")
+ALIKE = (
+    "start 20, hold 30, ramp -20 1, hold 60, ramp 45 1, hold 60",
+    "start 20, hold 40, ramp 45 1, hold 60, ramp -20 1, hold 60",
+    "start 0, hold 30, ramp 45 1, hold 60, ramp -20 1, hold 40, ramp 10 1, hold 30",
+)
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
 
@@ -96,6 +101,35 @@ FAULTS: dict[str, tuple[Change, set[str]]] = {
         lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"].to_numpy()[np.arange(len(table)) // 3 * 3]),
         {"other_noise"},
     ),
+    "thermometers exchanged": (
+        lambda table: table.rename(
+            columns={
+                "temperature_block_degC": "temperature_shell_degC",
+                "temperature_shell_degC": "temperature_block_degC",
+            }
+        ),
+        {"exchanged_thermometers"},
+    ),
+    "a thermometer written twice": (
+        lambda table: table.assign(temperature_shell_degC=table["temperature_block_degC"]),
+        {"equal_columns"},
+    ),
+    "zeros": (
+        lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"].where(np.arange(len(table)) % 100 > 0, 0.0)),
+        {"frequent_value"},
+    ),
+    "samples held": (
+        lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"].where(np.arange(len(table)) % 10 > 0).ffill().bfill()),
+        {"held_samples"},
+    ),
+    "coarse": (
+        lambda table: table.assign(gyro_deg_h=(table["gyro_deg_h"] / 0.05).round() * 0.05),
+        {"coarse_digit"},
+    ),
+    "light with another sign": (
+        lambda table: table.assign(light_intensity_V=-table["light_intensity_V"]),
+        {"other_level"},
+    ),
     "thermometer in degF": (
         lambda table: table.assign(temperature_shell_degC=1.8 * table["temperature_shell_degC"] + 32.0),
         {"other_noise"},
@@ -108,6 +142,31 @@ def test_a_fault_of_one_run_is_noticed_in_that_run(healthy: list[rlg.Recording],
     found = codes([healthy[0], changed(healthy[1], change, "faulty"), healthy[2]])
     assert expected <= found["faulty"]
     assert set(found) == {"faulty"}
+
+
+@pytest.mark.parametrize("late", [80, -80])
+@pytest.mark.parametrize("which", [1, 2])
+def test_monitors_that_are_late_in_one_run_are_noticed(which: int, late: int) -> None:
+    unit = rlg.Simulator.from_mapping(
+        {
+            "mechanisms": [
+                {"thermal_polynomial": {"degree": 2, "c1_deg_h_K": 0.004, "c2_deg_h_K2": 0.00002}},
+                {"temperature_rate": {"k_deg_h_min_K": 0.02}},
+            ],
+            "noise": {"angle_random_walk_deg_sqrt_h": 0.0003},
+        }
+    )
+    runs = [unit.simulate(programme, seed=seed, step_s=5.0, name=f"run{seed}") for seed, programme in enumerate(ALIKE)]
+    assert not compare(runs)
+
+    def delayed(table: pd.DataFrame) -> pd.DataFrame:
+        monitors = [name for name in table.columns if name not in ("time_s", "gyro_deg_h")]
+        return table.assign(**{name: table[name].shift(late).ffill().bfill() for name in monitors})
+
+    runs[which] = changed(runs[which], delayed, "late")
+    (found,) = compare(runs)
+    assert (found.code, found.data["run"]) == ("recording.other_delay", "late")
+    assert found.data["delay_s"] == pytest.approx(5.0 * late, rel=0.25)
 
 
 def test_a_reversed_gyro_is_noticed() -> None:

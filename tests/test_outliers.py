@@ -129,6 +129,24 @@ def test_single_outliers_of_a_monitor_are_interpolated() -> None:
         assert np.array_equal(repaired.column(column), run.column(column))
 
 
+@pytest.mark.parametrize("value", [0.0, 85.0, 999.0])
+def test_spikes_of_a_thermometer_that_no_heat_capacity_allows_are_interpolated(value: float) -> None:
+    sound, rng = run(), np.random.default_rng(4)
+    true = sound.column("temperature_block_degC") + 0.003 * rng.standard_normal(ROWS)
+    wrong = (rng.random(ROWS) < 0.01) & (np.abs(true - value) > 3.0)
+    wrong[[0, -1]] = False
+    wrong[1000:1003] = True
+    table = sound.table.assign(temperature_block_degC=np.where(wrong, value, true))
+    repaired, (message,) = without_monitor_outliers(sound.replace(table=table))
+    assert message.data["samples"] == wrong.sum()
+    assert repaired.column("temperature_block_degC") == pytest.approx(true, abs=0.1)
+    tips = sound.table.assign(temperature_block_degC=20.0 + 0.2 * np.abs(np.arange(ROWS) % 200 - 100.0))
+    steps = sound.table.assign(temperature_block_degC=np.where(np.arange(ROWS) // 400 % 2, 30.0, 20.0) + true / 100.0)
+    for course in (tips, steps):
+        kept = sound.replace(table=course)
+        assert without_monitor_outliers(kept) == (kept, ())
+
+
 @pytest.mark.parametrize("every", [0, 40])
 def test_a_monitor_without_monitor_outliers_or_with_many_is_left_alone(every: int) -> None:
     run = monitored(every, size=5.0)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import sys
 import tempfile
 from pathlib import Path
 
-from experiments.faults import kills, others, prepare, table
+from experiments.faults import kills, others, page, prepare
+from experiments.work import import_all
 
 
 def main() -> None:
@@ -17,6 +19,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only-kills", action="store_true")
     options = parser.parse_args()
+    import_all()
     with tempfile.TemporaryDirectory(prefix="faults-") as scratch:
         folder = Path(scratch)
         prepare(folder / "inputs")
@@ -25,8 +28,12 @@ def main() -> None:
         for trial in itertools.chain(kills(folder, options.kills, options.seed), more):
             trials.append(trial)
             if trial.problems:
-                print(f"- {trial.command}, {trial.fault}, {trial.seconds:.2f} s: {'; '.join(trial.problems)}", flush=True)
-    print(table(trials))
+                print(
+                    f"- {trial.command}, {trial.fault}, {trial.seconds:.2f} s: {'; '.join(trial.problems)}",
+                    file=sys.stderr,
+                    flush=True,
+                )
+    print(page(trials))
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ def next_experiment(
         programmes = chamber_programmes(recorded, chamber)
     except InputError:  # no thermometer that could be commanded
         return None, None
-    weights = np.array([posterior.of_effects[posterior.effects_of(state)] for state in states])
+    weights = np.array([posterior.probabilities[state.key] for state in states])
     prior = weights / weights.sum()
     names = _names(posterior, states)
     grid, plant = fits[0].data.runs[0].grid, fits[0].baseline.simulator.monitors.plant
@@ -91,10 +91,9 @@ def next_experiment(
 def likely(posterior: Posterior) -> list[State]:
     """Sets that are nearly as likely as the named one and hold other effects, the likeliest first."""
     found: list[State] = []
-    own = posterior.of_effects[posterior.effects_of(posterior.best)]
     for state in posterior.states:
         effects = posterior.effects(state.key)
-        near = posterior.of_effects[posterior.effects_of(state)] > EXCHANGED * own
+        near = posterior.probabilities[state.key] > EXCHANGED * posterior.probabilities[posterior.best.key]
         if near and not state.key[1] and all(effects != posterior.effects(other.key) for other in found):
             found.append(state)
     return found[:_MOST]

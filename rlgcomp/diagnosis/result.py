@@ -6,7 +6,6 @@ Its JSON form is a contract (schema rlgcomp.diagnosis/1): scripts and challenges
 from __future__ import annotations
 
 import dataclasses
-import datetime
 import functools
 import json
 import math
@@ -24,6 +23,7 @@ from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.text import as_text
 from rlgcomp.files import sha256, to_json, write_json
+from rlgcomp.recording.provenance import made_at
 from rlgcomp.report.messages import Message
 from rlgcomp.report.notebook import ShownAsTable
 
@@ -123,7 +123,7 @@ class Diagnosis(Record, ShownAsTable):
             "citations": list(self.citations),
             "provenance": {
                 "version": rlgcomp.__version__,
-                "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+                "date": made_at(),
                 "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]) if self.recordings else None,
                 "seed": self.request.seed,
             },

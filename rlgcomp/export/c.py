@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import logging
 import re
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +25,7 @@ from rlgcomp.export.target import REPORT, Options
 from rlgcomp.export.target import written as all_written
 from rlgcomp.files import to_json, whole_folder
 from rlgcomp.report.messages import Message, message
+from rlgcomp.scratch import temporary_folder
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -236,9 +236,9 @@ def _verified(
         if toolchain.missing:
             skipped.append(message("export.toolchain_missing", toolchain=toolchain.name, program=toolchain.missing))
             continue
-        with tempfile.TemporaryDirectory() as built:
+        with temporary_folder() as built:
             try:
-                command = tools.build(toolchain, [module, test], Path(built))
+                command = tools.build(toolchain, [module, test], built)
             except tools.ToolchainError as error:
                 skipped.append(message("export.toolchain_broken", toolchain=toolchain.name, reason=str(error)))
                 continue
@@ -251,7 +251,7 @@ def _verified(
                     raise RuntimeError(f"the exported C does not agree with Python: {check}")
                 checks.append(check)
             if "-O2" in toolchain.flags:
-                size = tools.sizes(toolchain, module, Path(built))
+                size = tools.sizes(toolchain, module, built)
                 measured += [] if size is None else [{"toolchain": tools.version(toolchain), **size}]
                 if not toolchain.board:
                     step_ns[toolchain.name] = tools.time_ns(command)

@@ -12,7 +12,6 @@ import contextlib
 import dataclasses
 import json
 import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -31,6 +30,7 @@ from rlgcomp.export.target import REPORT, Options
 from rlgcomp.export.target import written as all_written
 from rlgcomp.files import to_json, whole_folder
 from rlgcomp.report.messages import Message, message
+from rlgcomp.scratch import temporary_folder
 
 Array = npt.NDArray[np.float64]
 OPSET: Final = 17
@@ -295,8 +295,8 @@ def _expected(compensator: Compensator, expansion: Expansion, X: Array) -> dict[
 def _own_temporary_folder() -> Iterator[None]:
     """A folder for what onnxruntime writes into TMPDIR when it is imported, and leaves there: the session of its telemetry."""
     before = os.environ.get("TMPDIR")
-    with tempfile.TemporaryDirectory(prefix="rlgcomp-onnx-", ignore_cleanup_errors=True) as folder:
-        os.environ["TMPDIR"] = folder
+    with temporary_folder() as folder:
+        os.environ["TMPDIR"] = str(folder)
         try:
             yield
         finally:

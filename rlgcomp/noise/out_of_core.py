@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -25,6 +24,7 @@ from rlgcomp.noise.slopes import curve_findings
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sampling import GAP_PERIODS
 from rlgcomp.report.messages import message
+from rlgcomp.scratch import temporary_folder
 
 Array = npt.NDArray[np.float64]
 SAMPLES_AT_ONCE: Final = 1 << 20  # samples
@@ -63,8 +63,8 @@ def analyse_pieces(
     """
     if estimator not in ("overlapping", "hadamard"):
         raise InputError(f"estimator {estimator!r} is not available for a file in pieces; choose overlapping or hadamard")
-    with tempfile.TemporaryDirectory(prefix="rlgcomp-allan-", dir=scratch) as folder:
-        path = Path(folder) / "angle.f8"
+    with temporary_folder(scratch) as folder:
+        path = folder / "angle.f8"
         with path.open("wb") as file:
             record = _write_angle(pieces, gyro, file)
         angle = np.memmap(path, dtype=np.float64, mode="r+", shape=(record.samples + 1,))

@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from scipy import fft
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
+from rlgcomp.recording.relative_delays import delayed_monitors, exchanged_thermometers
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -32,6 +33,9 @@ DEVIATIONS: Final = 12.0  # of that correlation from zero; there are as many tri
 COARSEST: Final = 50  # ratio of sample periods
 NOISE_RATIO: Final = 1.5  # of the noise of one channel in two runs
 ROUNDED_RATIO: Final = 4.0  # the same of a channel that its last digit hides
+REPEATED: Final = 0.003  # of the samples
+REPEATED_RATIO: Final = 5.0  # to the share in the other runs
+COARSE: Final = 2.0  # last digit of one run over the noise of the others
 LEVEL_RATIO: Final = 5.0  # of the levels of a channel that does not change its sign
 SPECTRUM: Final = 0.25  # difference of the correlation of neighbouring steps
 PERIOD_RATIO: Final = 3.0
@@ -65,8 +69,9 @@ def compare(runs: Sequence[Recording], gyro: str | None = None) -> tuple[Message
         except InputError:
             continue
     messages = [*_copies(runs, noises), *_channels(runs), *_thermometers(runs), *_clocks(runs, noises)]
-    signed = _response(runs, {k: rate for k, (rate, _) in noises.items()})
-    return (*messages, *signed)
+    messages += (exchanged := exchanged_thermometers(runs))
+    rates = {k: rate for k, (rate, _) in noises.items()}
+    return (*messages, *(_response(runs, rates) or ([] if exchanged else delayed_monitors(runs, rates))))
 
 
 # --- copies ----------------------------------------------------------------------------------------------------------------------
@@ -217,6 +222,9 @@ class _Channel:
     one_sign: bool
     hidden: bool
     digit: float
+    samples: int
+    frequent: tuple[float, int]
+    held: int
 
     @classmethod
     def of(cls, values: Array) -> _Channel | None:
@@ -225,7 +233,7 @@ class _Channel:
         bends = np.diff(values, 2)
         size = np.abs(bends)
         noise = float(np.mean(size[size <= np.quantile(size, 0.9)])) / (_MEAN_OF_LEAST * np.sqrt(6.0))
-        distinct = np.unique(values)
+        distinct, counts = np.unique(values, return_counts=True)
         apart = np.diff(distinct)
         apart = apart[apart > 1e-9 * max(1.0, float(np.abs(distinct).max()))]
         digit = float(np.min(apart)) if len(apart) else 0.0
@@ -235,7 +243,15 @@ class _Channel:
         steps = _steps(values)
         correlation = float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2)) if steps is not None and np.any(steps) else np.nan
         low, high = np.quantile(values, [0.01, 0.99])
-        return cls(noise, correlation, float(np.median(values)), bool(low * high > 0.0), hidden, digit)
+        repeated = _repeated(values, distinct, counts)
+        return cls(noise, correlation, float(np.median(values)), bool(low * high > 0.0), hidden, digit, **repeated)
+
+
+def _repeated(values: Array, distinct: Array, counts: npt.NDArray[np.int64]) -> dict[str, Any]:
+    """How many samples there are, the most frequent value with its count, and how many samples repeat the one before."""
+    most = int(np.argmax(counts))
+    held = int(np.count_nonzero(values[1:] == values[:-1]))
+    return {"samples": len(values), "frequent": (float(distinct[most]), int(counts[most])), "held": held}
 
 
 def _channels(runs: Sequence[Recording]) -> list[Message]:
@@ -248,8 +264,28 @@ def _channels(runs: Sequence[Recording]) -> list[Message]:
         known = {k: channel for k, channel in here.items() if channel is not None}
         if len(known) < 2:
             continue
-        messages += _differing(runs, column, known)
+        messages += _differing(runs, column, known) or _repeating(runs, column, known)
     return messages
+
+
+def _repeating(runs: Sequence[Recording], column: str, known: dict[int, _Channel]) -> list[Message]:
+    """Messages of the run in which a gyro of fine digits repeats its last value or another one, as no other run does."""
+    if not is_gyro(column) or any(one.hidden for one in known.values()):  # a thermometer may rest
+        return []
+    held = {k: one.held / one.samples for k, one in known.items()}
+    frequent = {k: (one.frequent[1] - 1) / one.samples for k, one in known.items()}
+    if (odd := _repeats_more(held)) is not None:
+        return [message("recording.held_samples", run=runs[odd].name, column=column, samples=known[odd].held)]
+    if (odd := _repeats_more(frequent)) is not None:
+        value, samples = known[odd].frequent
+        return [message("recording.frequent_value", run=runs[odd].name, column=column, value=value, samples=samples)]
+    return []
+
+
+def _repeats_more(shares: dict[int, float]) -> int | None:
+    odd = max(shares, key=lambda k: shares[k])
+    others = max(share for k, share in shares.items() if k != odd)
+    return odd if shares[odd] > max(REPEATED, REPEATED_RATIO * others) else None
 
 
 def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel]) -> list[Message]:
@@ -279,9 +315,21 @@ def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel
                 message("recording.other_digit", run=runs[odd].name, column=column, ratio=digits[odd] / _typical(digits, odd))
             )
             return messages
+    coarse = [k for k, digit in digits.items() if k in noises and digit > COARSE * min(noises[other] for other in noises)]
+    if len(coarse) == 1 and len(digits) == 1 and len(noises) > 1:
+        (odd,) = coarse
+        messages.append(
+            message("recording.coarse_digit", run=runs[odd].name, column=column, digit=digits[odd], noise=_typical(noises, odd))
+        )
+        return messages
     levels = {k: abs(one.level) for k, one in known.items() if one.one_sign}
     if len(levels) > 1 and not is_gyro(column) and not column.endswith("_degC"):
         odd, ratio = _odd_one(levels)
+        signs = {np.sign(known[k].level) for k in levels}
+        if len(signs) > 1 and not column.endswith("_uT"):
+            positive = [k for k in levels if known[k].level > 0.0]
+            negative = [k for k in levels if k not in positive]
+            odd, ratio = min(positive, negative, key=len)[-1], np.inf
         if ratio > LEVEL_RATIO:
             levels_of = {"level": known[odd].level, "others": _typical({k: one.level for k, one in known.items()}, odd)}
             messages.append(message("recording.other_level", run=runs[odd].name, column=column, **levels_of))

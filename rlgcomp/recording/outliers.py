@@ -7,6 +7,7 @@ gyro at rest       a sample far from the median of its neighbours,     left out 
                    or a short burst of them
 gyro on a table    a count error, see below                            replaced by what table and neighbours show
 monitor            one sample far from two neighbours that agree       interpolated between these
+thermometer        up to three samples that leave and return at once   interpolated likewise
 =================  ==================================================  ==========================================
 
 What a turning gyro shows beyond its table, :math:`r_k = g_k - (1 + K) W_k - b`, jumps where the table does: an encoder that is read
@@ -25,6 +26,7 @@ by :mod:`rlgcomp.calibration.triad.run`: there the residuals are others.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Final, Self
@@ -62,6 +64,11 @@ _MONITOR_QUANTILE: Final = 0.99  # of the deviations from the mean of the two ne
 _MONITOR_RATIO: Final = 8.0  # to that quantile,
 _NEIGHBOURS_AGREE: Final = 0.2  # while the neighbours differ by less of the deviation
 _MONITOR_SHARE: Final = 0.005  # of the samples: more belong to the monitor
+# thermometers: no heat capacity allows
+_SPIKE_RATIO: Final = 10.0  # a step of so many times
+_SPIKE_QUANTILE: Final = 0.95  # this quantile of the steps
+_SPIKE_SAMPLES: Final = 3  # and back within so many samples
+_SPIKES_SHARE: Final = 0.02  # of the samples, beyond which they belong to the thermometer
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -127,8 +134,11 @@ def monitor_outliers(run: Recording) -> tuple[Outliers, ...]:
     for column in run.columns if run.metadata.kind != "turntable" else ():
         if column == TIME or is_gyro(column):
             continue
+        thermometer = column.endswith("_degC")
         rows = _single_outliers(run.column(column))
-        if 0 < rows.sum() <= _MONITOR_SHARE * len(rows):
+        spikes = _spikes(run.column(column)) if thermometer else rows
+        rows = rows & (rows.sum() <= _MONITOR_SHARE * len(rows)) | spikes & (spikes.sum() <= _SPIKES_SHARE * len(rows))
+        if 0 < rows.sum() <= (_SPIKES_SHARE if thermometer else _MONITOR_SHARE) * len(rows):
             outliers.append(Outliers(column, rows, float(run.time_s[rows][0])))
     return tuple(outliers)
 
@@ -300,3 +310,17 @@ def _single_outliers(values: Array) -> Mask:
         return np.zeros(len(values), dtype=np.bool_)
     apart = np.abs(values[2:] - values[:-2])
     return np.r_[False, (deviation > _MONITOR_RATIO * usual) & (apart < _NEIGHBOURS_AGREE * deviation), False]
+
+
+def _spikes(values: Array) -> Mask:
+    """Samples of a thermometer that leaves its course by a step and returns by another one, as fast as no temperature can."""
+    rows, steps = np.zeros(len(values), dtype=np.bool_), np.diff(values)
+    if len(steps) < _SPIKE_SAMPLES or not np.any(size := np.abs(steps)):
+        return rows
+    usual = float(np.quantile(size, _SPIKE_QUANTILE)) or float(size[size > 0.0].min())
+    jumps = np.flatnonzero(size > _SPIKE_RATIO * usual)
+    for here, there in itertools.pairwise(jumps):
+        back = abs(values[there + 1] - values[here])
+        if not rows[here] and there - here <= _SPIKE_SAMPLES and back < _NEIGHBOURS_AGREE * size[here]:
+            rows[here + 1 : there + 1] = True
+    return rows

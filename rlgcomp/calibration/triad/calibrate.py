@@ -11,7 +11,6 @@ Source: Z. Liu et al., Sensors 19, 4754 (2019), section 4; kicks: W. W. Chow et 
 from __future__ import annotations
 
 import dataclasses
-import datetime
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -30,6 +29,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
+from rlgcomp.recording.provenance import made_at
 from rlgcomp.report.messages import Message, message
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 from rlgcomp.simulation.two_axis_table import Triad
@@ -162,7 +162,7 @@ def calibrate_turntable(
         remarks.append(message("calibration.no_accelerometers"))
     if any(run.pulse_arcsec is None for run in runs):
         remarks.append(message("calibration.gyros_came_as_rates"))
-    made = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    made = made_at()
     content = triad_content(triad, list(recordings), remarks, rlgcomp.__version__, made)
     content["observability"] = observability.to_dict("records")
     content["rate_bias"] = [dataclasses.asdict(bias) | {"violated": bias.violated} for bias in biases]

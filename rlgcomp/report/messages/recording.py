@@ -57,6 +57,14 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) or "none"
 
 
+def _other_delay(*, run: str, delay_s: float) -> str:
+    late = "late" if delay_s > 0.0 else "early"
+    return (
+        f"{run}: its gyro follows the temperature as in the other runs once the monitors are moved by {abs(delay_s):.3g} s: they "
+        f"were logged {late}. Correct their clock, as with rlgcomp merge --offset-s, or leave the run out."
+    )
+
+
 def _uneven_steps(*, share: float, period_s: float) -> str:
     return f"{100 * share:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter"
 
@@ -310,6 +318,27 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "--map, or "
         "leave the run or the column out."
     ),
+    "recording.held_samples": (
+        "{run}, {column}: {samples} samples repeat the one before, which no other run does: lost samples were held. Leave these "
+        "rows out."
+    ),
+    "recording.frequent_value": (
+        "{run}, {column}: {samples} samples are {value:.6g} exactly, which no other run repeats: a value that stands for lost "
+        "samples. Leave these rows out."
+    ),
+    "recording.equal_columns": (
+        "{run}: {column} and {other} are equal in each row, in the other runs they are not: one was written twice. Leave one out "
+        "with --drop."
+    ),
+    "recording.coarse_digit": (
+        "{run}, {column}: its last digit is {digit:.3g}, more than the noise of {noise:.3g} in the other runs, which have finer "
+        "digits. Write it with all digits, or leave the run or the column out."
+    ),
+    "recording.exchanged_thermometers": (
+        "{run}: {column} and {other} follow each other in the other order than in the other runs: their names are exchanged. Map "
+        "them with --map, or leave the run out."
+    ),
+    "recording.other_delay": _other_delay,
     "recording.other_level": (
         "{run}, {column}: its median is {level:.4g}, in the other runs {others:.4g}, as of another unit or another sensor. "
         "State the "
