@@ -15,7 +15,8 @@ Rooms, each importing only from those before it:
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
     turning     rows and regions where a table turns
-    nuisances   steps of the bias, biases of runs, stated numbers that are wrong
+    lateness    thermometers that are late
+    nuisances   steps of the bias, biases of runs, late thermometers, stated numbers that are wrong
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
     evidence    the evidence of a set of forms in closed form

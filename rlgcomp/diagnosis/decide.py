@@ -77,14 +77,13 @@ def decided(posterior: Posterior) -> Decision:
     """The decision of least loss."""
     best = posterior.best
     regions, latent = posterior.effects(best.key), best.key[1]
-    own = posterior.probabilities[best.key]
+    own = posterior.of_effects[posterior.effects_of(best)]
     if (not regions and not latent) or posterior.null * FALSE_FINDING > own * MISSED:
         return Decision("none", ())
     named = []
     for key in sorted(regions, key=posterior.of_region, reverse=True):
         probability = posterior.of_region(key)
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
-        partners = {other: p for other, p in partners.items() if not posterior.regions[other].nuisance}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
         if _owned(region, [posterior.regions[other] for other in regions]):

@@ -66,7 +66,7 @@ def next_experiment(
         programmes = chamber_programmes(recorded, chamber)
     except InputError:  # no thermometer that could be commanded
         return None, None
-    weights = np.array([posterior.probabilities[state.key] for state in states])
+    weights = np.array([posterior.of_effects[posterior.effects_of(state)] for state in states])
     prior = weights / weights.sum()
     names = _names(posterior, states)
     grid, plant = fits[0].data.runs[0].grid, fits[0].baseline.simulator.monitors.plant
@@ -93,7 +93,7 @@ def likely(posterior: Posterior) -> list[State]:
     found: list[State] = []
     for state in posterior.states:
         effects = posterior.effects(state.key)
-        near = posterior.probabilities[state.key] > EXCHANGED * posterior.probabilities[posterior.best.key]
+        near = posterior.of_effects[posterior.effects_of(state)] > EXCHANGED * posterior.of_effects[posterior.effects_of(posterior.best)]
         if near and not state.key[1] and all(effects != posterior.effects(other.key) for other in found):
             found.append(state)
     return found[:_MOST]

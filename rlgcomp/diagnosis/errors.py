@@ -122,7 +122,7 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
         Of the white noise of a window mean, in the unit of the output.
     """
     found = list(_within(list(parts)))
-    columns = dict.fromkeys(column for one in found for column in _columns(one, data.runs[0].binned) if column in data.columns)
+    columns = columns_of(found, data)
     rates = dict.fromkeys(one for one in found if isinstance(one, Path) and one.memory == "rate")
     blocks = []
     for run in data.runs:
@@ -133,6 +133,12 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
             block += _of_rate(run, predicted, rate)
         blocks.append(block / variance)
     return Errors(tuple(blocks))
+
+
+def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
+    """Recorded columns that vary among those that some parts read."""
+    found = (column for one in _within(list(parts)) for column in _columns(one, data.runs[0].binned))
+    return tuple(dict.fromkeys(column for column in found if column in data.columns))
 
 
 def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Array:

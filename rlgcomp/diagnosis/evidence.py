@@ -14,17 +14,19 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import log_ndtr
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis
-from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.errors import Errors, errors_of
+from rlgcomp.diagnosis.lateness import Late, Prediction
 from rlgcomp.diagnosis.noise import Noise, Whitened
 from rlgcomp.diagnosis.terms import Form
 
@@ -43,6 +45,16 @@ class Member:
 
     form: Form
     size: float
+
+    @property
+    def log_prior(self) -> float:
+        """Of the form within its region, and of the size."""
+        return self.form.log_share + LOG_SIZE + float(self.of_sizes[int(np.argmin(np.abs(priors.SIZES - self.size)))])
+
+    @property
+    def of_sizes(self) -> Array:
+        """Log prior of each size of the form over that of the usual ones, shape (sizes,)."""
+        return np.array(self.form.sizes or np.zeros(len(priors.SIZES)))
 
 
 Set = tuple[Member, ...]
@@ -104,9 +116,9 @@ class Bank:
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         self.prepare([form])
         found = []
-        for group, size in ((form.lead, 1.0), (form.departures, priors.DISCREPANCY)):
+        for group, size in ((form.lead, form.unit), (form.departures, priors.DISCREPANCY * form.unit)):
             shown = [basis for basis in group if self._squares[basis][0] > _ABSORBED * self._squares[basis][1]]
-            if size == 1.0 and len(shown) < len(group):
+            if group is form.lead and len(shown) < len(group):
                 return None
             found += [(basis, size / math.sqrt(len(shown) * self._squares[basis][0])) for basis in shown]
         return tuple(found)
@@ -145,8 +157,8 @@ class Evidence:
             self._projected[basis] = self.whitened.project(self.bank.reduced(basis))
         return self._projected[basis]
 
-    def errors(self, members: Set) -> Errors | None:
-        """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing."""
+    def prediction(self, members: Set) -> tuple[Prediction, Conditional] | None:
+        """The baseline and a set fitted under this noise, late terms left out, and the evidence; None without a baseline."""
         bank = self.bank
         if (baseline := bank.baseline) is None:
             return None
@@ -159,14 +171,17 @@ class Evidence:
         size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
         left = self.whitened.whiten((bank.data.output - terms)[:, None])[:, 0]
         numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
+        on_time = tuple((basis, w) for (basis, _), w in zip(parts, weights, strict=True) if not isinstance(basis, Late))
+        return Prediction(baseline, numbers, on_time), given
 
-        def predicted(run: Run) -> Array:
-            total = run.on_bins(baseline.stated(run.binned)) + baseline.columns(run) @ numbers
-            return np.asarray(sum((basis.columns(run) @ w for (basis, _), w in zip(parts, weights, strict=True)), total))
-
-        made_of = (baseline.simulator.mechanisms, baseline.own, [basis for basis, _ in parts])
+    def errors(self, members: Set) -> Errors | None:
+        """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing."""
+        fitted = self.prediction(members)
+        if fitted is None:
+            return None
+        prediction, given = fitted
         variance = given.square / self.whitened.freedom
-        found = errors_of(bank.data, predicted, made_of, variance)
+        found = errors_of(self.bank.data, prediction.values, prediction.made_of, variance)
         known = () if self.noise.errors is None else self.noise.errors.outliers
         found = found.with_outliers(*self.whitened.given_others(given.residual() / math.sqrt(variance)), known)
         return found if found.count else None
@@ -188,8 +203,13 @@ class Evidence:
         return np.hstack([np.empty((len(self.output), 0)), *(self.block(member) for member in members)])
 
     def log_evidence(self, members: Set) -> float:
-        """Of a set under this noise; priors of the set and of the noise are not in it."""
-        return self.given(members).log_evidence
+        """Of a set under this noise; priors of the set and of the noise are not in it, but that some weights are positive is."""
+        given = self.given(members)
+        if not any(member.form.positive for member in members):
+            return given.log_evidence
+        widths = [sum(self.bank.reduced(basis).shape[1] for basis, _ in self.bank.scaled(m.form) or ()) for m in members]
+        last = np.cumsum(widths) - 1
+        return given.log_evidence + given.log_positive([int(k) for k, m in zip(last, members, strict=True) if m.form.positive])
 
     def given(self, members: Set) -> Conditional:
         """The evidence with a set in the model."""
@@ -221,6 +241,12 @@ class Conditional:
     def weights(self) -> Array:
         """Posterior mean of the weights, shape (r,)."""
         return np.asarray(self._half.T @ self.weights_half)
+
+    def log_positive(self, places: Sequence[int]) -> float:
+        """Log of how much likelier weights at some places are positive given the data than before: half of each was negative."""
+        sigma = math.sqrt(self.square / self.evidence.whitened.freedom)
+        spread = np.maximum(sigma * np.linalg.norm(self._half[:, places], axis=0), 1e-300)
+        return float(np.sum(log_ndtr(self.weights[places] / spread) + math.log(2.0)))
 
     @functools.cached_property
     def _adjoint(self) -> Array:

@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis, Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.lateness import LATE_THERMOMETER, Late
 from rlgcomp.diagnosis.search import State
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
@@ -154,6 +155,10 @@ class Fit:
                 for j, run in enumerate(lead.runs):
                     value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
                     found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
+            elif isinstance(lead, Late):
+                window_s = self.data.runs[0].grid.window_s
+                lag_s, sd = (float(v) * scale * window_s for v in (self.solution.weights[at], math.sqrt(self.solution.covariance[at, at])))
+                found.setdefault(LATE_THERMOMETER, {})[lead.column] = Estimate(lag_s, sd, "s")
         return found
 
     @property

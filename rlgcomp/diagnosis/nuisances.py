@@ -1,4 +1,4 @@
-"""What may act beside effects and is no missing physics: steps of the bias, a bias a run, stated numbers that are wrong."""
+"""What may act beside effects and is no missing physics: steps of the bias, a bias a run, late thermometers, wrong stated numbers."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.lateness import late_regions
 from rlgcomp.diagnosis.terms import Form, Region
 
 Array = npt.NDArray[np.float64]
@@ -37,6 +38,7 @@ def nuisances(data: Data, baseline: Baseline) -> Iterator[Region]:
     names = tuple(run.name for run in data.runs)
     if len(names) > 1:
         yield Region(RUN_BIAS, None, _ODDS, (Form(RUN_BIAS, "b = bias of the run", (EachRun(Constant(), names),)),), nuisance=True)
+    yield from late_regions(data)
     stated = [(mechanism, k, p.name) for mechanism in baseline.simulator.mechanisms for k, p in baseline.known(mechanism)]
     for mechanism, k, name in stated:
         key = f"{mechanism.name}:{name}"

@@ -63,9 +63,24 @@ class Posterior:
         total = sum(weights.values())
         return {key: weight / total for key, weight in weights.items()}
 
-    @property
+    @functools.cached_property
+    def of_effects(self) -> dict[Key, float]:
+        """By effects and what unrecorded there is beside them, whatever nuisances there are."""
+        found: dict[Key, float] = {}
+        for key, p in self.probabilities.items():
+            effects = self.effects(key), key[1]
+            found[effects] = found.get(effects, 0.0) + p
+        return found
+
+    def effects_of(self, state: State) -> Key:
+        """The effects of a state and what unrecorded there is beside them: a key of :attr:`of_effects`."""
+        return self.effects(state.key), state.key[1]
+
+    @functools.cached_property
     def best(self) -> State:
-        return self.states[0]
+        """The likeliest state with the likeliest effects."""
+        likeliest = max(self.of_effects, key=lambda effects: self.of_effects[effects])
+        return next(state for state in self.states if self.effects_of(state) == likeliest)
 
     def effects(self, key: Key) -> frozenset[str]:
         """The regions of a set that are missing physics."""
@@ -96,10 +111,9 @@ class Posterior:
 
     def instead_of(self, key: str) -> dict[str, float]:
         """Regions that may stand in place of one of the likeliest set: probability of the set with each exchanged for it."""
-        regions, _ = self.best.key
-        others = regions - {key}
+        others = self.effects(self.best.key) - {key}
         found: dict[str, float] = {}
-        for (candidate, _), p in self.probabilities.items():
+        for (candidate, _), p in self.of_effects.items():
             more = candidate - others
             if others <= candidate and len(more) == 1 and key not in candidate:
                 (other,) = more

@@ -179,7 +179,7 @@ class Record:
     @property
     def probability(self) -> float:
         """Of the set that is named."""
-        return min(self.posterior.probabilities[self.posterior.best.key], 1.0)
+        return min(self.posterior.of_effects[self.posterior.effects_of(self.posterior.best)], 1.0)
 
     @property
     def healthy(self) -> float:
@@ -214,7 +214,7 @@ class Record:
     @functools.cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """The next most probable sets."""
-        ordered = sorted(self.posterior.probabilities.items(), key=lambda item: item[1], reverse=True)
+        ordered = sorted(self.posterior.of_effects.items(), key=lambda item: item[1], reverse=True)
         return tuple(
             Alternative(tuple(sorted([*regions, *_LATENT.get(latent, [])])), p)
             for (regions, latent), p in ordered[1 : 1 + _ALTERNATIVES]

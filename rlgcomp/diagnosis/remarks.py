@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from rlgcomp.diagnosis.lateness import LATE_THERMOMETER
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import Score
@@ -24,6 +25,7 @@ _LARGE: Final = 4.0  # each so many times as large as their sum
 _FILE_ERROR: Final = 0.2  # of the noise of a window mean
 _OTHER_NOISE: Final = 1.5
 _LEARNT: Final = 0.5  # of the mismatch, that recorded columns together tell where a cause follows none
+_CLEAR_LAG: Final = 2.0  # standard deviations of a lag, from which on it is told
 
 
 def headline(record: Record) -> Message:
@@ -135,7 +137,7 @@ def _black_box(record: Record) -> Iterator[Message]:
 
 
 def _baseline(record: Record) -> Iterator[Message]:
-    """Steps, biases of runs, stated numbers that do not fit."""
+    """Steps, biases of runs, late thermometers, stated numbers that do not fit."""
     for step in record.steps:
         size: Mapping[str, Any] = step["size"]
         yield message(
@@ -146,6 +148,9 @@ def _baseline(record: Record) -> Iterator[Message]:
     if biases:
         values = {run: one.value for run, one in biases.items()}
         yield message("diagnosis.run_biases", biases=values, sds={run: one.sd for run, one in biases.items()}, unit=record.unit)
+    for column, lag in found.get(LATE_THERMOMETER, {}).items():
+        if lag.value > _CLEAR_LAG * lag.sd:
+            yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd)
     simulator = record.after.baseline.simulator
     for mechanism in simulator.mechanisms:
         free = simulator.free.get(mechanism.name, frozenset())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, Literal
@@ -11,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.errors import Errors
+from rlgcomp.diagnosis.errors import Errors, columns_of
 from rlgcomp.diagnosis.evidence import LOG_SIZE, Bank, Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.hypotheses import Hypotheses
+from rlgcomp.diagnosis.lateness import LATE, Prediction, late_bases, late_form, white_noise
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Screen, gains
 from rlgcomp.diagnosis.telegraph import Telegraph, telegraph
@@ -31,6 +33,7 @@ _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _MOST: Final = 6  # members of a set
 _SCREENS: Final = 16  # of all forms under a noise, that are kept
 _EVIDENCES: Final = 80
+_ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late thermometers find each other
 _ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 _WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
@@ -133,7 +136,7 @@ class Search:
 
     def log_prior(self, members: Set) -> float:
         """Of the regions, forms and sizes of a set."""
-        return sum(self.regions[m.form.region].log_odds + m.form.log_share + LOG_SIZE for m in members)
+        return sum(self.regions[m.form.region].log_odds + m.log_prior for m in members)
 
     # --- the search ------------------------------------------------------------------------------------------------------------
 
@@ -307,6 +310,53 @@ class Search:
     # --- one state -------------------------------------------------------------------------------------------------------------
 
     def refined(self, state: State) -> State:
+        """A state at its best, its thermometers late where that is likelier."""
+        best = self._with_errors(state)
+        for _ in range(_ROUNDS_OF_LATENESS):
+            late = self._late(best)
+            if late is None:
+                break
+            found = self._with_errors(late)
+            settled = found.log_posterior < best.log_posterior + _WORTH_MORE
+            best = max(best, found, key=lambda one: one.log_posterior)
+            if settled:
+                break
+        return best
+
+    def _late(self, state: State) -> State | None:
+        """The set of a state with its thermometers late as that set has them; None where it is likelier that none is."""
+        top = max((other.log_posterior for other in self.visited.values()), default=-math.inf)
+        evidence = self.evidence(state.noise)
+        fitted = None if state.log_posterior < top - _WITHIN_REACH else evidence.prediction(state.members)
+        if fitted is None:
+            return None
+        members = tuple(member for member in state.members if not member.form.positive)
+        best, forms = self.converged(members, state.noise), self._late_forms(fitted[0])
+        while forms and len(best.members) < _MOST:
+            given = evidence.given(best.members)
+            _, member = max((self._best(given, form) for form in forms), key=lambda one: one[0])
+            tried = self.converged((*best.members, member), state.noise)
+            if tried.log_posterior <= best.log_posterior:
+                break
+            best, forms = tried, [form for form in forms if form.region != member.form.region]
+        return None if best.members == state.members else best
+
+    def _late_forms(self, prediction: Prediction) -> list[Form]:
+        """Of the thermometers that a prediction reads, those that may be seen to be late."""
+        found = []
+        for region in self.regions.values():
+            if region.key.startswith(LATE) and region.drivers[0] in columns_of(prediction.made_of, self.bank.data):
+                for basis in late_bases(self.bank.data, region, prediction):
+                    plain = self.bank.scaled(Form(region.key, "", (basis,)))
+                    form = None if plain is None else late_form(region, basis, 1.0 / (plain[0][1] * self._white_noise))
+                    found += [] if form is None else [form]
+        return found
+
+    @functools.cached_property
+    def _white_noise(self) -> float:
+        return white_noise(self.bank.data, self.bank.design)
+
+    def _with_errors(self, state: State) -> State:
         """A state at its best; errors of its drivers join the noise, if they are there."""
         best: State | None = None
         for _ in range(_ROUNDS_OF_ERRORS):
@@ -367,7 +417,7 @@ class Search:
 
     def _best(self, given: Conditional, form: Form) -> tuple[float, Member]:
         """Log evidence and share of a form at its likeliest size."""
-        of_sizes = given.gain(form) + form.log_share
+        of_sizes = given.gain(form) + form.log_share + Member(form, 1.0).of_sizes
         j = int(np.argmax(of_sizes))
         return float(of_sizes[j]), Member(form, float(priors.SIZES[j]))
 
@@ -480,7 +530,7 @@ class Search:
         """Log of the posterior of all forms and sizes of one member over that of its own."""
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         given = self.evidence(noise).given(others)
-        point = given.gain(own.form) + own.form.log_share
+        point = given.gain(own.form) + own.form.log_share + own.of_sizes
         values = [*point.tolist()]
         mask = self._region_of == own.form.region
         if mask.any():

@@ -36,6 +36,12 @@ class Form(Hashed):
         The rest of B₁: what is made of each leading basis, as its shift in time.
     log_share : float
         Of the region's prior.
+    unit : float
+        Strength of a term of size one.
+    sizes : tuple of float
+        Logarithm of the prior of each size over that of the usual ones, which are equally likely; empty, it is zero.
+    positive : bool
+        The last weight is positive.
     """
 
     region: str
@@ -44,6 +50,9 @@ class Form(Hashed):
     smooth: tuple[Basis, ...] = ()
     own: tuple[Callable[[Basis], Basis], ...] = ()
     log_share: float = 0.0
+    unit: float = 1.0
+    sizes: tuple[float, ...] = ()
+    positive: bool = False
 
     @property
     def bases(self) -> tuple[Basis, ...]:

@@ -114,6 +114,13 @@ def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str
     return f"Each run has a bias of its own: {listing(told)}."
 
 
+def _late_thermometer(column: str, lag_s: float, sd_s: float) -> str:
+    return (
+        f"The thermometer {column} is late by {estimate_text(lag_s, sd_s, 's')}: the simulator reads it where the gyro is ahead. "
+        "No physics is missing there."
+    )
+
+
 def _wrong_number(mechanism: str, parameter: str, stated: float, found: float, sd: float, unit: str) -> str:
     return (
         f"The stated {parameter} of {mechanism} does not fit: {stated:.6g} is stated, {estimate_text(found, sd, unit)} found. If "
@@ -271,6 +278,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.wrong_number": _wrong_number,
     "diagnosis.bias_step": _step,
     "diagnosis.run_biases": _run_biases,
+    "diagnosis.late_thermometer": _late_thermometer,
     "diagnosis.cancelling": _cancelling,
     "diagnosis.unidentified": _unidentified,
     "diagnosis.other_form": _other_form,

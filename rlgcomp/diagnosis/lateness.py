@@ -1,0 +1,141 @@
+r"""Late thermometers: the gyro follows T, the simulator reads r, and :math:`T = r + \tau \, dr/dt` for a sensor of the first order.
+
+With s the prediction of a baseline and the set beside it, the simulator lacks s(r + τ dr/dt) - s(r): one column a thermometer, whose
+weight is its lag τ in windows. The lag is positive and has a prior of its own, so a term of this column has no free strength.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.numerics.readings import noise_variance
+from rlgcomp.units import SECONDS_PER_MINUTE
+
+Array = npt.NDArray[np.float64]
+LATE_THERMOMETER: Final = "late thermometer"
+LATE: Final = "late "  # before the column, the key of a region
+_MOVE: Final = 0.5  # windows by which a column is earlier for the slope by τ
+_LARGEST: Final = 4  # place of the longest lag among the sizes
+_UNSEEN: Final = 0.03  # strength of a term that nothing can be said of
+_LEAST: Final = 0.1  # of the difference of neighbouring windows that is white noise, at least
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prediction:
+    """The output of a baseline and a set at fitted numbers; each object is equal to itself alone.
+
+    Parameters
+    ----------
+    baseline : Baseline
+    numbers : ndarray, shape (p,)
+        Of the baseline's columns.
+    parts : tuple of (Basis, ndarray)
+        Bases of the set with their weights.
+    """
+
+    baseline: Baseline
+    numbers: Array
+    parts: tuple[tuple[Basis, Array], ...]
+
+    def values(self, run: Run) -> Array:
+        """On the bins of a run, shape (bins,)."""
+        total = run.on_bins(self.baseline.stated(run.binned)) + self.baseline.columns(run) @ self.numbers
+        return np.asarray(sum((basis.columns(run) @ w for basis, w in self.parts), total))
+
+    @property
+    def made_of(self) -> tuple[object, ...]:
+        """What columns and rates of change are looked for in."""
+        return self.baseline.simulator.mechanisms, self.baseline.own, [basis for basis, _ in self.parts]
+
+
+@dataclasses.dataclass(frozen=True)
+class Late(Basis):
+    """What a prediction changes by where a thermometer is earlier, for each window.
+
+    Parameters
+    ----------
+    rate : Path
+        Rate of change of the column.
+    prediction : Prediction
+        Of the baseline and the set, late terms left out.
+    """
+
+    rate: Path
+    prediction: Prediction
+
+    @property
+    def column(self) -> str:
+        """The thermometer."""
+        return self.rate.driver.columns[0]
+
+    def columns(self, run: Run) -> Array:
+        window_min = run.grid.window_s / SECONDS_PER_MINUTE
+        change = _MOVE * window_min * self.rate.half * self.rate.driver.half * self.rate.values(run)
+        earlier = run.with_column(self.column, run.column(self.column) + change)
+        return (self.prediction.values(earlier) - self.prediction.values(run))[:, None] / _MOVE
+
+
+def late_regions(data: Data) -> Iterator[Region]:
+    """A region for each thermometer; their forms follow from a set (:func:`late_form`)."""
+    for column in data.columns:
+        if column.startswith("temperature_"):
+            yield Region(LATE + column, None, math.log(priors.LATE_ODDS), (), (column,), "dynamic", nuisance=True)
+
+
+def late_bases(data: Data, region: Region, prediction: Prediction) -> list[Late]:
+    """Columns of a region beside a set: all late, or the baseline alone, for shapes of the set may have met its lag already."""
+    rate = Path.rate(data, Driver.of(data, *region.drivers))
+    alone = dataclasses.replace(prediction, parts=())
+    return [Late(rate, one) for one in ((prediction, alone) if prediction.parts else (prediction,))]
+
+
+def late_form(region: Region, basis: Late, strength: float) -> Form | None:
+    """The form of a region beside a set; None where no plausible lag could be seen.
+
+    Parameters
+    ----------
+    region : Region
+    basis : Late
+    strength : float
+        Of a lag of a window.
+    """
+    low, high = priors.LATE
+    if strength * high < _UNSEEN:
+        return None
+    lags = high * priors.SIZES / priors.SIZES[_LARGEST]
+    used = (lags <= high * 1.01) & (lags >= low)
+    sizes = np.where(used, math.log(len(lags) / used.sum()), -np.inf)
+    return Form(region.key, "b = s(r + lag dr/dt) - s(r)", (basis,), unit=strength * float(lags[0] / priors.SIZES[0]), sizes=tuple(sizes.tolist()), positive=True)
+
+
+def white_noise(data: Data, design: Array) -> float:
+    """Standard deviation of the white noise of a window mean, whatever slow there is beside the baseline.
+
+    Parameters
+    ----------
+    data : Data
+    design : ndarray, shape (n, p)
+        The baseline.
+    """
+    left = data.output - design @ np.linalg.lstsq(design, data.output, rcond=1e-9)[0]
+    total, count = 0.0, 0
+    for run, rows in zip(data.runs, data.slices, strict=True):
+        values = left[rows][: len(run.windows)]
+        if len(values) < 2:
+            continue
+        nearest = 0.5 * float(np.mean(np.diff(values) ** 2))
+        total += len(values) * max(noise_variance(values), _LEAST * nearest)
+        count += len(values)
+    return math.sqrt(total / max(count, 1))

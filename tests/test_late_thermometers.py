@@ -1,0 +1,164 @@
+"""Late thermometers: told with their lag, no physics; what no plausible lag gives is still named."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Power
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from rlgcomp.diagnosis.drivers import Driver, Path, lagged
+from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.lateness import Late, Prediction, late_bases, late_form, late_regions, white_noise
+from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.recording import Metadata, Recording
+from rlgcomp.simulation.simulator import Simulator
+
+STATIC: dict[str, Any] = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
+STEP_S = 10.0
+NOISE = 0.02  # deg/h of a sample
+
+
+def made(lag_s: float, *, slope: float = 0.01, rate: float = 0.0, behind: float = 0.0) -> list[Recording]:
+    """Runs of a gyro with a slope over temperature, and what is missing; the block's thermometer is late."""
+    runs = []
+    for k in range(2):
+        rng = np.random.default_rng([5, k])
+        time_s = STEP_S * np.arange(2800)
+        corners = [-1.0, -1.0, 1.2, 1.2, -0.5, -0.5, 0.5][:: 1 - 2 * k]
+        chamber = 20.0 + 30.0 * np.interp(time_s, [0.0, 3e3, 8e3, 11e3, 17e3, 22e3, 2.8e4], corners)
+        block = lagged(chamber, STEP_S, 600.0)
+        gyro = slope * block + 1e-4 * (block - 20.0) ** 2 + NOISE * rng.standard_normal(len(block))
+        gyro += rate * 60.0 * np.gradient(block, STEP_S) + behind * (lagged(block, STEP_S, 2500.0) - block)
+        table = {
+            "time_s": time_s,
+            "gyro_deg_h": gyro,
+            "temperature_block_degC": lagged(block, STEP_S, lag_s) + 0.003 * rng.standard_normal(len(block)),
+            "supply_voltage_V": 15.0 + 0.02 * np.cumsum(rng.standard_normal(len(block))) / 50.0,
+        }
+        runs.append(Recording(pd.DataFrame(table), Metadata(kind="chamber"), name=f"run{k}"))
+    return runs
+
+
+def asked(runs: list[Recording]) -> Diagnosis:
+    return diagnose(Simulator.from_mapping(STATIC), runs)
+
+
+@functools.cache
+def late() -> Diagnosis:
+    """Of a thermometer that is late by half a window and nothing else."""
+    return asked(made(35.0))
+
+
+def test_a_late_thermometer_is_no_physics() -> None:
+    found = late()
+    assert found.verdict == "none"
+    assert found.posterior.null > 0.9
+    (lag,) = found.recalibration["late thermometer"].values()
+    assert lag.unit == "s"
+    assert 0.0 < lag.sd < 6.0
+    assert abs(lag.value - 35.0) < 4.0 * lag.sd
+    told = {remark.code: remark.data for remark in found.remarks}["diagnosis.late_thermometer"]
+    assert told == {"column": "temperature_block_degC", "lag_s": lag.value, "sd_s": lag.sd}
+    assert found.to_mapping()["baseline_with_findings"]["late thermometer"]["temperature_block_degC"]["value"] == lag.value
+
+
+def test_without_the_term_it_would_be_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rlgcomp.diagnosis.nuisances.late_regions", lambda data: iter(()))
+    assert asked(made(35.0)).verdict != "none"
+
+
+@pytest.mark.parametrize(
+    ("missing", "name"),
+    [({"behind": 0.004}, "thermal_lag"), ({"rate": 0.05}, "temperature_rate"), ({"rate": -0.01}, "temperature_rate")],
+    ids=["a lag of the gyro", "a rate that no plausible lag gives", "a rate of the other sign"],
+)
+def test_missing_physics_beside_a_late_thermometer_is_named(missing: dict[str, float], name: str) -> None:
+    found = asked(made(20.0, **missing))
+    assert [cause.name for cause in found.causes] == [name]
+
+
+def test_what_could_be_either_is_sure_of_neither() -> None:
+    """A rate that a thermometer of more than a window's lag would give."""
+    found = asked(made(0.01, rate=0.015))
+    assert max([found.posterior.null, *(cause.probability for cause in found.causes)]) < 0.99
+
+
+# --- parts ---------------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def parts() -> tuple[Data, Baseline, Bank]:
+    runs = made(35.0)
+    grid = Grid.of(runs)
+    data = Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in runs))
+    baseline = Baseline.calibrated(Simulator.from_mapping(STATIC), data)
+    return data, baseline, Bank(data, baseline.design(data), baseline)
+
+
+def prediction(parts_of_set: tuple[Any, ...] = ()) -> Prediction:
+    data, baseline, _ = parts()
+    numbers = np.linalg.lstsq(data.means(baseline.columns), data.output, rcond=1e-12)[0]
+    return Prediction(baseline, numbers, parts_of_set)
+
+
+def test_the_column_is_the_change_of_the_prediction_by_a_window() -> None:
+    data, _, _ = parts()
+    (region,) = late_regions(data)
+    (basis,) = late_bases(data, region, prediction())
+    run = data.runs[0]
+    earlier = run.with_column(basis.column, run.column(basis.column) + 0.5 * run.grid.bins * np.gradient(run.column(basis.column)))
+    expected = 2.0 * (prediction().values(earlier) - prediction().values(run))
+    assert np.std(run.means(basis.columns(run))[:, 0] - run.means(expected)) < 0.1 * np.std(run.means(expected))
+
+
+def test_members_may_be_late_as_well() -> None:
+    data, _, _ = parts()
+    (region,) = late_regions(data)
+    static = Power(Path(Driver.of(data, "temperature_block_degC")))
+    one, other = late_bases(data, region, prediction(((static, np.array([1.0])),)))
+    assert np.std(one.columns(data.runs[0])) > 5.0 * np.std(other.columns(data.runs[0]))
+
+
+def test_white_noise_is_estimated_whatever_is_missing() -> None:
+    data, _, bank = parts()
+    assert white_noise(data, bank.design) == pytest.approx(NOISE / np.sqrt(data.runs[0].grid.window_s / STEP_S), rel=0.15)
+
+
+def test_sizes_are_those_of_plausible_lags() -> None:
+    data, _, bank = parts()
+    (region,) = late_regions(data)
+    (basis,) = late_bases(data, region, prediction())
+    form = late_form(region, basis, 2.0)
+    assert form is not None
+    ((_, scale),) = bank.scaled(form) or ()
+    ((_, plain),) = bank.scaled(type(form)(region.key, "", (basis,))) or ()
+    lags = priors.SIZES * scale / plain / 2.0
+    used = np.exp(form.sizes) > 0.0
+    assert lags[used].min() >= priors.LATE[0]
+    assert lags[used].max() == pytest.approx(priors.LATE[1])
+    assert np.exp(form.sizes).sum() == pytest.approx(len(priors.SIZES))
+    assert late_form(region, basis, 1e-3) is None
+
+
+def test_a_lag_is_positive() -> None:
+    data, baseline, bank = parts()
+    (region,) = late_regions(data)
+    (basis,) = late_bases(data, region, prediction())
+    forwards = late_form(region, basis, 2.0)
+    assert forwards is not None
+    mirrored = Prediction(baseline, -prediction().numbers, ())
+    backwards = late_form(region, Late(basis.rate, mirrored), 2.0)
+    assert backwards is not None
+    evidence = Evidence(bank, Noise(), 0.0)
+    member, other = Member(forwards, float(priors.SIZES[4])), Member(backwards, float(priors.SIZES[4]))
+    assert evidence.given((member,)).log_evidence == pytest.approx(evidence.given((other,)).log_evidence)
+    assert evidence.log_evidence((member,)) == pytest.approx(evidence.given((member,)).log_evidence + np.log(2.0), abs=1e-3)
+    assert evidence.log_evidence((other,)) < evidence.log_evidence((member,)) - 10.0
