@@ -124,7 +124,7 @@ def test_members_may_be_late_as_well() -> None:
     (region,) = late_regions(data)
     static = Power(Path(Driver.of(data, "temperature_block_degC")))
     one, other = late_bases(data, region, prediction(((static, np.array([1.0])),)))
-    assert np.std(one.columns(data.runs[0])) > 5.0 * np.std(other.columns(data.runs[0]))
+    assert np.std(one.columns(data.runs[0])) > 3.0 * np.std(other.columns(data.runs[0]))
 
 
 def test_white_noise_is_estimated_whatever_is_missing() -> None:

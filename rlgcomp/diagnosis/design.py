@@ -91,9 +91,10 @@ def next_experiment(
 def likely(posterior: Posterior) -> list[State]:
     """Sets that are nearly as likely as the named one and hold other effects, the likeliest first."""
     found: list[State] = []
+    own = posterior.of_effects[posterior.effects_of(posterior.best)]
     for state in posterior.states:
         effects = posterior.effects(state.key)
-        near = posterior.of_effects[posterior.effects_of(state)] > EXCHANGED * posterior.of_effects[posterior.effects_of(posterior.best)]
+        near = posterior.of_effects[posterior.effects_of(state)] > EXCHANGED * own
         if near and not state.key[1] and all(effects != posterior.effects(other.key) for other in found):
             found.append(state)
     return found[:_MOST]

@@ -19,7 +19,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_ndtr
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
@@ -244,6 +243,8 @@ class Conditional:
 
     def log_positive(self, places: Sequence[int]) -> float:
         """Log of how much likelier weights at some places are positive given the data than before: half of each was negative."""
+        from scipy.special import log_ndtr
+
         sigma = math.sqrt(self.square / self.evidence.whitened.freedom)
         spread = np.maximum(sigma * np.linalg.norm(self._half[:, places], axis=0), 1e-300)
         return float(np.sum(log_ndtr(self.weights[places] / spread) + math.log(2.0)))

@@ -156,9 +156,9 @@ class Fit:
                     value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
                     found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
             elif isinstance(lead, Late):
-                window_s = self.data.runs[0].grid.window_s
-                lag_s, sd = (float(v) * scale * window_s for v in (self.solution.weights[at], math.sqrt(self.solution.covariance[at, at])))
-                found.setdefault(LATE_THERMOMETER, {})[lead.column] = Estimate(lag_s, sd, "s")
+                window_s = scale * self.data.runs[0].grid.window_s
+                lag_s, sd = self.solution.weights[at] * window_s, math.sqrt(self.solution.covariance[at, at]) * window_s
+                found.setdefault(LATE_THERMOMETER, {})[lead.column] = Estimate(float(lag_s), float(sd), "s")
         return found
 
     @property

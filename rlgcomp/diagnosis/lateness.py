@@ -1,7 +1,7 @@
-r"""Late thermometers: the gyro follows T, the simulator reads r, and :math:`T = r + \tau \, dr/dt` for a sensor of the first order.
+r"""Late thermometers: the gyro follows T, the simulator reads r, and :math:`T = r + \tau \, dr/dt` for a first-order sensor.
 
-With s the prediction of a baseline and the set beside it, the simulator lacks s(r + τ dr/dt) - s(r): one column a thermometer, whose
-weight is its lag τ in windows. The lag is positive and has a prior of its own, so a term of this column has no free strength.
+With s the prediction of a baseline and the set beside it, the simulator lacks s(r + τ dr/dt) - s(r): one column a thermometer,
+whose weight is its lag τ in windows. The lag is positive and has a prior of its own, so a term of this column has no free strength.
 """
 
 from __future__ import annotations
@@ -117,7 +117,14 @@ def late_form(region: Region, basis: Late, strength: float) -> Form | None:
     lags = high * priors.SIZES / priors.SIZES[_LARGEST]
     used = (lags <= high * 1.01) & (lags >= low)
     sizes = np.where(used, math.log(len(lags) / used.sum()), -np.inf)
-    return Form(region.key, "b = s(r + lag dr/dt) - s(r)", (basis,), unit=strength * float(lags[0] / priors.SIZES[0]), sizes=tuple(sizes.tolist()), positive=True)
+    return Form(
+        region.key,
+        "b = s(r + lag dr/dt) - s(r)",
+        (basis,),
+        unit=strength * float(lags[0] / priors.SIZES[0]),
+        sizes=tuple(sizes.tolist()),
+        positive=True,
+    )
 
 
 def white_noise(data: Data, design: Array) -> float:

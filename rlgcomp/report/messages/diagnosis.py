@@ -117,7 +117,7 @@ def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str
 def _late_thermometer(column: str, lag_s: float, sd_s: float) -> str:
     return (
         f"The thermometer {column} is late by {estimate_text(lag_s, sd_s, 's')}: the simulator reads it where the gyro is ahead. "
-        "No physics is missing there."
+        "No physics is missing there, unless that sensor is known to be faster: a temperature_rate would look alike."
     )
 
 
