@@ -13,6 +13,7 @@ import rlgcomp as rlg
 from rlgcomp.compensation.models import MODELS, fixed_size, lssvm
 from rlgcomp.compensation.models.fixed_size import fixed_size_rmse, spread_out
 from rlgcomp.compensation.models.kernels import gaussian
+from rlgcomp.compensation.models.specification import between_and_within
 from rlgcomp.compensation.selection import select
 from rlgcomp.numerics.compiled import available
 
@@ -63,6 +64,16 @@ def test_folds_are_those_of_fitting_again(groups: np.ndarray) -> None:
             residuals[out] = y[out] - Ridge(alpha=1.0 / c, solver="cholesky").fit(phi[~out], y[~out]).predict(phi[out])
         expected.append(np.sqrt(np.mean(residuals**2)))
     assert fixed_size_rmse(X, y, groups, 25, sigma, C) == pytest.approx(np.array(expected), rel=1e-6)
+
+
+def test_runs_with_biases_have_the_folds_of_the_exact_system() -> None:
+    """With all rows as centres: the mean errors of runs left out, and the errors about them."""
+    X, y = smooth_rows(240)
+    groups = np.arange(240) // 40
+    y = y + np.array([1.0, -2.0, 0.3, 3.0, -1.0, 0.5])[groups]
+    model = rlg.LSSVMRegressor(c=20.0, sigma=2.0).fit(X, y, runs=groups)
+    expected = between_and_within(model.leave_groups_out(groups)[None], groups)
+    assert fixed_size_rmse(X, y, groups, 240, 2.0, [20.0], run_biases=True) == pytest.approx(expected, rel=1e-4)
 
 
 def test_the_selection_of_many_rows_finds_what_the_exact_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:

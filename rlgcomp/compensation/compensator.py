@@ -21,7 +21,7 @@ from rlgcomp.compensation.interval import Interval, NoOverlapError, excess, nois
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
-from rlgcomp.compensation.models.specification import cross_validation_residuals, require_regressor, sequential
+from rlgcomp.compensation.models.specification import cross_validation_residuals, grouping, require_regressor, sequential
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
@@ -175,6 +175,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
                 "one run only: parameters are selected on %d blocks of it; expect less on another programme", BLOCKS_OF_ONE_RUN
             )
         model = clone(model)
+        if len(runs) == 1 and model.get_params().get("run_variance", 0.0) is None:
+            model.set_params(run_variance=0.0)  # blocks of one run have one bias
         if model.get_params().get("linear") == DYNAMICS:
             model.set_params(linear=self.pipeline_.dynamic)
         self.selection_ = (
@@ -183,7 +185,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             else select(self.specification_, model, X, y, groups, journal=journal, n_jobs=workers, progress=progress)
         )
         self.model_ = model.set_params(**self.selection_.best)
-        self.model_.fit(X, y, **({"groups": self.run_labels()} if sequential(self.model_) else {}))
+        self.model_.fit(X, y, **grouping(self.model_, self.run_labels()))
         self.interval_ = self.calibrated_interval()
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in raw

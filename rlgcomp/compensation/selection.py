@@ -32,9 +32,10 @@ from rlgcomp.numerics.worker_processes import end_with
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
+INDEPENDENT_WINDOWS: Final = 10  # of a run, whose errors resemble those of their neighbours: the mean has a tenth of the variance
 TIE: Final = 0.01  # candidates whose error is this close to the smallest are equal; the first, the smoothest, is selected
 Progress = Callable[[int, int], None]
-Scored = tuple[int, list[float]]
+Scored = tuple[int, list[Any]]  # an error, or its two parts, for each candidate
 Work = Callable[[], Scored]
 logger = logging.getLogger(__name__)
 
@@ -86,6 +87,9 @@ def select(
 ) -> Selection:
     """Search a model's grid for the smallest error on groups left out; of candidates within 1 % of it, the smoothest.
 
+    Where runs differ in their mean by more than their errors scatter about it, as with a bias that is new at each switch-on, no
+    candidate can know the mean of a run left out. The mean errors then count only as much as the scatter explains.
+
     Runs of one programme do not show which of two equally good candidates transfers to another programme; the smoother one does.
 
     Parameters
@@ -124,11 +128,22 @@ def select(
             append(k, score)
             if progress:
                 progress(len(scores), len(batches))
-    rows = [{**candidate, "rmse": rmse} for k in range(len(batches)) for candidate, rmse in zip(batches[k], scores[k], strict=True)]
+    errors = np.array([score for k in range(len(batches)) for score in scores[k]])
+    rmse, criterion = (errors, errors) if errors.ndim == 1 else (np.sqrt((errors**2).sum(axis=1)), _without_run_biases(*errors.T))
+    candidates = [candidate for batch in batches for candidate in batch]
+    rows = [{**candidate, "rmse": float(error)} for candidate, error in zip(candidates, rmse, strict=True)]
     table = pd.DataFrame(rows)
-    chosen = int(np.flatnonzero(table["rmse"] <= (1.0 + TIE) * table["rmse"].min())[0])
+    chosen = int(np.flatnonzero(criterion <= (1.0 + TIE) * criterion.min())[0])
     best = {key: value for key, value in rows[chosen].items() if key != "rmse"}
     return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
+
+
+def _without_run_biases(between: Array, within: Array) -> Array:
+    """The error of each candidate, with mean errors of runs counted by no more than what the scatter within runs explains."""
+    best = int(np.argmin(within))
+    explained = within[best] ** 2 / INDEPENDENT_WINDOWS
+    weight = min(1.0, explained / between[best] ** 2) if between[best] > 0.0 else 1.0
+    return np.asarray(np.sqrt(within**2 + weight * between**2))
 
 
 def _score(
@@ -188,7 +203,7 @@ def _read_journal(journal: Path | None, fingerprint: str, sizes: Sequence[int]) 
 
 
 def _line_digest(fingerprint: str, k: int, rmse: Sequence[float]) -> str:
-    return hashlib.sha256(f"{fingerprint} {k} {[float(value) for value in rmse]!r}".encode()).hexdigest()
+    return hashlib.sha256(f"{fingerprint} {k} {np.asarray(rmse, dtype=np.float64).tolist()!r}".encode()).hexdigest()
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ from sklearn.base import clone
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.cubic import DYNAMICS
-from rlgcomp.compensation.models.specification import ModelSpecification, sequential
+from rlgcomp.compensation.models.specification import ModelSpecification, grouping
 from rlgcomp.compensation.selection import select
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
 
@@ -82,9 +82,11 @@ def _fitted(compensator: Compensator, specification: ModelSpecification, places:
     model = specification.make()
     if model.get_params().get("linear") == DYNAMICS:
         model.set_params(linear=tuple(k for k, place in enumerate(places) if place in compensator.pipeline_.dynamic))
+    if len(compensator.training_) == 1 and model.get_params().get("run_variance", 0.0) is None:
+        model.set_params(run_variance=0.0)  # blocks of one run have one bias
     best = select(specification, model, X[:, places], y, groups, n_jobs=n_jobs).best
     model = clone(model).set_params(**best)
-    return model.fit(X[:, places], y, **({"groups": compensator.run_labels()} if sequential(model) else {}))
+    return model.fit(X[:, places], y, **grouping(model, compensator.run_labels()))
 
 
 def _predict(model: Any, scaling: Scaling, part: WindowMeans, places: list[int]) -> Array:

@@ -28,6 +28,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from rlgcomp.compensation.models.kernels import gaussian, kernel_sum
+from rlgcomp.compensation.models.run_biases import gain, restricted_likelihood
 from rlgcomp.compensation.models.specification import Candidates, ModelSpecification, require_number, require_shape
 from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import pivoted_cholesky, shifted_solutions, solve_lower
@@ -112,7 +113,16 @@ class FixedSizeLSSVM(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return kernel_sum("gaussian_less_one", {"sigma": self.sigma}, inputs, self.X_fit_, self.alpha_) + self.intercept_
 
 
-def fixed_size_rmse(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, sigma: float, c_values: npt.ArrayLike) -> Array:
+def fixed_size_rmse(
+    X: Array,
+    y: Array,
+    groups: npt.NDArray[Any],
+    centres: int,
+    sigma: float,
+    c_values: npt.ArrayLike,
+    *,
+    run_biases: bool = False,
+) -> Array:
     """Error of a fixed-size LS-SVM with each group left out, for many c: one pass over the rows.
 
     Parameters
@@ -125,22 +135,58 @@ def fixed_size_rmse(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, 
         Their largest number, selected among all rows by their inputs alone.
     sigma : float
     c_values : array_like, shape (m,)
+    run_biases : bool
+        The groups are runs with biases of their own, of one variance for all c.
 
     Returns
     -------
     ndarray, shape (m,)
+        With `run_biases` shape (m, 2): the groups' mean errors, and the errors about them.
     """
     c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
     basis = _Basis(X[spread_out(X, centres)], sigma)
     members = [np.flatnonzero(groups == label) for label in np.unique(groups)]
     sums = basis.sums(X, y - y.mean(), members)
-    together = sums.sum(axis=0)
-    squares = np.zeros(len(c))
-    for out in sums:
-        weights, intercept = _solve(together - out, c)
+    of_runs = sums[:, -2]  # of the rows of each run, the last but one their number
+    reduced = sums
+    if run_biases and len(sums) > 1:
+        ratio = _run_variance(sums.sum(axis=0), of_runs, c)
+        share = ratio / (1.0 + ratio * of_runs[:, -2])
+        reduced = sums - share[:, None, None] * of_runs[:, :, None] * of_runs[:, None, :]
+    together = reduced.sum(axis=0)
+    squares, between = np.zeros(len(c)), np.zeros(len(c))
+    for out, out_reduced, of_run in zip(sums, reduced, of_runs, strict=True):
+        weights, intercept = _solve(together - out_reduced, c)
         design = np.vstack([weights, intercept, -np.ones(len(c))])
         squares += np.einsum("im,im->m", design, out @ design)
+        between += (of_run @ design) ** 2 / of_run[-2]
+    if run_biases:
+        return np.sqrt(np.maximum(np.column_stack([between, squares - between]), 0.0) / len(y))
     return np.asarray(np.sqrt(np.maximum(squares, 0.0) / len(y)))
+
+
+def _run_variance(together: Array, of_runs: Array, c: Array) -> float:
+    """Variance of the runs' biases over that of the noise, at the c and the variance of greatest restricted likelihood."""
+    rows = float(together[-2, -2])
+    best = (-np.inf, 0.0)
+    rounding = 16.0 * np.finfo(np.float64).eps * float(np.trace(together[:-1, :-1]))
+    for value in c:
+        bordered = together[:-1, :-1].copy()
+        bordered[np.diag_indices(len(bordered) - 1)] += 1.0 / value + rounding
+        factor = linalg.cho_factor(bordered, lower=True, check_finite=False)
+        right = np.column_stack([together[:-1, -1], of_runs[:, :-1].T])
+        products = np.block(
+            [[together[-1:, -1:], of_runs[None, :, -1]], [of_runs[:, -1:], np.diag(of_runs[:, -2])]]
+        ) - right.T @ linalg.cho_solve(factor, right, check_finite=False)
+        products *= value
+        M, g, q = products[None, 1:, 1:], products[None, 1:, 0], products[None, 0, 0]
+        rho = restricted_likelihood(M, g, q, int(rows))
+        K = gain(rho, M)[0]
+        logarithm = 2.0 * np.log(np.diag(factor[0])).sum() + (len(bordered) - rows) * np.log(value)
+        logarithm += np.linalg.slogdet(np.eye(len(K)) + rho[0] * M[0])[1]
+        likelihood = -0.5 * logarithm - 0.5 * (rows - 1.0) * np.log(q[0] - g[0] @ K @ g[0])
+        best = max(best, (float(likelihood), float(rho[0] * value)))
+    return best[1]
 
 
 def spread_out(X: Array, count: int) -> npt.NDArray[np.int64]:

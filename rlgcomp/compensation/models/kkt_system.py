@@ -32,6 +32,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
+from rlgcomp.compensation.models.run_biases import gain, restricted_likelihood
 from rlgcomp.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -68,6 +69,20 @@ class KKTSystem:
         self._total = self._border.sum()
         inverse -= np.outer(self._border, self._border) / self._total
         self._inverse = inverse
+
+    def restricted_likelihood(self, Z: Array, y: Array) -> float:
+        """rho of greatest restricted likelihood for runs of the indicator Z, shape (n, runs), and the output y, shape (n,)."""
+        applied, alpha = self._inverse @ Z, self._inverse @ y
+        return float(restricted_likelihood((Z.T @ applied)[None], (Z.T @ alpha)[None], np.array([y @ alpha]), len(y))[0])
+
+    def add_run_biases(self, Z: Array, rho: float) -> None:
+        """Border the system with a column for each run, shape (n, runs), whose biases have the variance rho."""
+        applied = self._inverse @ Z
+        K = gain(np.array([rho]), (Z.T @ applied)[None])[0]
+        full = applied + np.outer(self._border, self._border @ Z) / self._total  # H^-1 Z
+        border = self._border - full @ gain(np.array([rho]), (Z.T @ full)[None])[0] @ (self._border @ Z)
+        self._inverse -= applied @ K @ applied.T
+        self._border, self._total = border, border.sum()
 
     def solve(self, y: Array) -> tuple[Array, float]:
         """alpha, shape (n,), and b for the output y, shape (n,)."""

@@ -17,7 +17,8 @@ group G of rows that is left out has the residuals
 
 .. math:: e_G = C_{GG}^{-1} \alpha_G, \qquad\text{one row}\qquad e_i = \alpha_i / C_{ii},
 
-from the same solution. In this package gamma is the parameter `c`, as in Opt. Express.
+from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Runs have biases of their own, each a
+further column of the border: see :mod:`rlgcomp.compensation.models.run_biases`.
 
 References
 ----------
@@ -43,13 +44,14 @@ from rlgcomp.compensation.models.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device
 from rlgcomp.compensation.models.regularisation_path import leave_groups_out_path
+from rlgcomp.compensation.models.run_biases import indicator
 from rlgcomp.compensation.models.specification import (
     Candidates,
     ModelSpecification,
+    between_and_within,
     require_choice,
     require_number,
     require_shape,
-    rms,
 )
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.compiled import compiled
@@ -86,6 +88,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Of the sigmoid kernel tanh(slope x·z + offset).
     robust : bool, default False
         Weigh outliers down by Suykens' rule: full weight within 2.5 robust standard deviations, next to none beyond 3.
+    run_variance : float, optional
+        Variance of the runs' own biases about b, over that of the kernel's function. None estimates it by restricted likelihood
+        where `fit` is given the runs. A prediction has the mean of the runs' biases.
     device : {None, "auto", "cpu", "cuda", "cuda:0"}, default None
         None computes by NumPy and SciPy. A name computes by torch in that device's memory for n²/2 numbers, for tens of thousands
         of rows; "auto" is a graphics card where there is one. Fits and predictions agree to rounding. It is not saved with a model.
@@ -102,6 +107,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         v: the sample weights, 1 by default, times the robust weights.
     loo_residuals_ : ndarray, shape (n,) or (n, outputs)
         Leave-one-out residuals.
+    run_variance_ : float
+        Zero where the runs are not known, or several outputs or a device are.
     scale_ : float, or ndarray of shape (outputs,)
         s in the predictive variance, from the leave-one-out residuals: root of the mean of alpha_i² / C_ii.
 
@@ -114,6 +121,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     True
     """
 
+    run_variance_: float = 0.0  # of a model saved before runs had biases of their own
+    runs_: Array | None = None
+
     def __init__(
         self,
         kernel: str = "gaussian",
@@ -124,6 +134,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         offset: float = 1.0,
         slope: float = 0.01,
         robust: bool = False,
+        run_variance: float | None = None,
         device: str | None = None,
     ) -> None:
         self.kernel = kernel
@@ -133,9 +144,16 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.offset = offset
         self.slope = slope
         self.robust = robust
+        self.run_variance = run_variance
         self.device = device
 
-    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None) -> Self:
+    def fit(
+        self,
+        X: npt.ArrayLike,
+        y: npt.ArrayLike,
+        sample_weight: npt.ArrayLike | None = None,
+        runs: npt.ArrayLike | None = None,
+    ) -> Self:
         """Solve the KKT system.
 
         Parameters
@@ -145,6 +163,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             Several outputs, not with `robust`, share the kernel, its parameters and one factorisation.
         sample_weight : array_like, shape (n,), optional
             Multiplicity of each row: weight 3 is the same row three times, weight 0 leaves it out.
+        runs : array_like, shape (n,), optional
+            Label of each row's run, where runs have biases of their own.
 
         Raises
         ------
@@ -159,17 +179,21 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2, multi_output=not self.robust
         )
         multiplicity = np.ones(len(target))
+        self.runs_ = self._run_numbers(runs, target)
         if sample_weight is not None:
             checked = _check_sample_weight(sample_weight, inputs, dtype=np.float64)
+            if self.runs_ is not None:
+                self.runs_ = self.runs_[checked > 0.0]
             inputs, target, multiplicity = _positive_weights(inputs, target, checked)
+        self.run_variance_ = 0.0
         kkt_system = self._kkt_system_of(inputs)
         weights = multiplicity
         for _ in range(_ROBUST_PASSES if self.robust else 0):
-            alpha, _ = kkt_system(self.c * weights).solve(target)
+            alpha, _ = self._with_run_biases(kkt_system(self.c * weights), target).solve(target)
             weights = multiplicity * _suykens_weights(alpha / (self.c * weights), multiplicity)
         self.X_fit_ = inputs
         self.weights_ = weights
-        solved = kkt_system(self.c * weights)
+        solved = self._with_run_biases(kkt_system(self.c * weights), target)
         diagonal = solved.inverse_diagonal()
         self.alpha_: Array
         self.intercept_: float | Array
@@ -266,7 +290,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             raise InputError(f"all rows are of one group, {labels[0]!r}: without it no rows remain to train on; give two or more")
         solved = getattr(self, "_solved", None)  # a model that was read from a file has none
         if solved is None:
-            solved = self._kkt_system_of(self.X_fit_)(self.c * self.weights_)
+            solved = self._with_run_biases(self._kkt_system_of(self.X_fit_)(self.c * self.weights_))
             self._solved = solved if self.device is None else None
         if self.alpha_.ndim == 1:
             return solved.leave_groups_out(self.alpha_, numbers)
@@ -285,6 +309,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         require_number(self, "degree", low=1, high=9, whole=True)
         require_number(self, "offset")
         require_number(self, "slope", low=0.0, open_low=True)
+        if self.run_variance is not None:
+            require_number(self, "run_variance", low=0.0)
         require_device(self)
 
     def _each(self, compute: Callable[[Array], Array]) -> Array:
@@ -299,6 +325,27 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         name = "gaussian_less_one" if self.kernel_name == "gaussian" else self.kernel_name
         return kernel_sum(name, self.get_params(), X, self.X_fit_, alpha)
 
+    def _run_numbers(self, runs: npt.ArrayLike | None, target: Array) -> Array | None:
+        """Number of each row's run, or None where runs have no biases of their own."""
+        if runs is None:
+            return None
+        received = np.asarray(runs)
+        if received.shape != target.shape[:1]:
+            raise InputError(f"runs of shape {received.shape}; give one label for each of the {len(target)} rows")
+        numbers = np.unique(received, return_inverse=True)[1].astype(np.float64)
+        return None if numbers.max() == 0.0 or target.ndim > 1 or self.device is not None else numbers
+
+    def _with_run_biases(self, system: KKTSystem | DeviceKKTSystem, target: Array | None = None) -> KKTSystem | DeviceKKTSystem:
+        """The system with the runs' own biases; given a target, their variance is estimated unless it is a parameter."""
+        if self.runs_ is not None and isinstance(system, KKTSystem):
+            Z = indicator(self.runs_)
+            if target is not None:
+                given = self.run_variance
+                self.run_variance_ = system.restricted_likelihood(Z, target) if given is None else float(given)
+            if self.run_variance_ > 0.0:
+                system.add_run_biases(Z, self.run_variance_)
+        return system
+
     def _kkt_system_of(self, X: Array) -> Callable[[Array], KKTSystem | DeviceKKTSystem]:
         """From gamma v, row by row, to the KKT system of the rows X."""
         if self.device is not None:
@@ -307,7 +354,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _std(self, X: Array) -> Array:
         reduction = self._variance_reduction(X)
-        variance = 1.0 / self.c + kernel_diagonal(self.kernel_name, self.get_params(), X) - reduction
+        variance = 1.0 / self.c + self.run_variance_ + kernel_diagonal(self.kernel_name, self.get_params(), X) - reduction
         spread = np.sqrt(np.maximum(variance, 0.0))
         return np.asarray(self.scale_ * (spread if self.alpha_.ndim == 1 else spread[:, None]))
 
@@ -318,6 +365,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             return system.variance_reduction(X)
         across = kernel(self.kernel_name, self.get_params(), X, self.X_fit_)
         gram = kernel(self.kernel_name, self.get_params(), self.X_fit_, self.X_fit_)
+        if self.runs_ is not None:
+            gram = gram + self.run_variance_ * (self.runs_[:, None] == self.runs_)
         solved = linalg.solve(
             gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([np.ones(len(gram)), across.T]), assume_a="sym"
         )
@@ -376,9 +425,11 @@ def _rmse_of_batch(model: LSSVMRegressor, candidates: Candidates, X: Array, y: A
     sigma = candidates[0]["sigma"]
     c = np.array([candidate["c"] for candidate in candidates])
     if model.kernel_name == "gaussian" and not model.robust and len(y) > MANY_ROWS:
-        return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c)
+        return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c, run_biases=model.run_variance is None)
     gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, X, X)
-    return rms(leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian"))
+    runs = groups if model.run_variance is None else None
+    residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs)
+    return between_and_within(residuals, groups)
 
 
 def _check(model: LSSVMRegressor, features: int) -> None:
@@ -386,6 +437,10 @@ def _check(model: LSSVMRegressor, features: int) -> None:
     require_shape(model, "X_fit_", len(model.alpha_), features)
     require_shape(model, "alpha_", len(model.X_fit_))
     require_shape(model, "weights_", len(model.X_fit_))
+    if model.runs_ is not None:
+        require_shape(model, "runs_", len(model.X_fit_))
+    if model.run_variance_ < 0.0:
+        raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
 
 
 SPECIFICATION: Final = ModelSpecification(
@@ -395,7 +450,7 @@ SPECIFICATION: Final = ModelSpecification(
     rmse=_rmse_of_batch,
     threads=True,
     reach=1.0,
-    numbers=("intercept_", "scale_"),
-    arrays=("alpha_", "X_fit_", "weights_"),
+    numbers=("intercept_", "scale_", "run_variance_"),
+    arrays=("alpha_", "X_fit_", "weights_", "runs_"),
     check=_check,
 )

@@ -1,7 +1,8 @@
 r"""The regularisation path of an LS-SVM: its KKT system solved for many :math:`\gamma`, and its folds left out in closed form.
 
 One decomposition of the kernel matrix serves every :math:`H = \Omega + I/\gamma` of :mod:`rlgcomp.compensation.models.kkt_system`;
-`c` is gamma.
+`c` is gamma. Where runs have biases of their own, each gamma has their variance by restricted likelihood; see
+:mod:`rlgcomp.compensation.models.run_biases`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compensation.models.run_biases import gain, indicator, restricted_likelihood
 from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import eigh, pivoted_cholesky, tridiagonal
 
@@ -25,7 +27,15 @@ LOW_RANK: Final = 0.7  # rank over rows up to which a factor of the kernel matri
 _DROPPED: Final = 1e-8  # pivots of the kernel matrix that are dropped, in units of 1 / c; folds are accurate to 1e-6
 
 
-def leave_groups_out_path(gram: Array, y: Array, groups: npt.NDArray[Any], c_values: npt.ArrayLike, *, definite: bool) -> Array:
+def leave_groups_out_path(
+    gram: Array,
+    y: Array,
+    groups: npt.NDArray[Any],
+    c_values: npt.ArrayLike,
+    *,
+    definite: bool,
+    runs: npt.NDArray[Any] | None = None,
+) -> Array:
     """Residuals of each row without its whole group, for many c: one decomposition, or one a group where groups are few.
 
     Parameters
@@ -38,6 +48,8 @@ def leave_groups_out_path(gram: Array, y: Array, groups: npt.NDArray[Any], c_val
     c_values : array_like, shape (m,)
     definite : bool
         Whether the kernel is positive definite.
+    runs : ndarray, shape (n,), optional
+        Label of each row's run, where runs have biases of their own.
 
     Returns
     -------
@@ -49,20 +61,20 @@ def leave_groups_out_path(gram: Array, y: Array, groups: npt.NDArray[Any], c_val
     if len(folds) <= _FEW_GROUPS:
         for fold in folds:
             rest = np.delete(np.arange(len(y)), fold)
-            path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c)
+            path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c, None if runs is None else runs[rest])
             residuals[:, fold] = y[fold] - path.alpha @ gram[np.ix_(rest, fold)] - path.intercept[:, None]
         return residuals
-    path_of_all = _fastest_path(gram, y, c, definite=definite)
+    path_of_all = _fastest_path(gram, y, c, runs, definite=definite)
     for fold in folds:
         residuals[:, fold] = path_of_all.leave_out(fold)
     return residuals
 
 
-def _fastest_path(gram: Array, y: Array, c: Array, *, definite: bool) -> EigenPath | TridiagonalPath:
+def _fastest_path(gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None, *, definite: bool) -> EigenPath | TridiagonalPath:
     beyond_rounding = 1.0 / c.max() > 10.0 * len(y) * np.finfo(np.float64).eps * float(np.diag(gram).max())
     if definite and beyond_rounding and len(y) >= COMPILED_ROWS and available():
-        return TridiagonalPath(gram, y, c)
-    return EigenPath(gram, y, c)
+        return TridiagonalPath(gram, y, c, runs)
+    return EigenPath(gram, y, c, runs)
 
 
 class EigenPath:
@@ -76,6 +88,7 @@ class EigenPath:
     gram : ndarray, shape (n, n)
     y : ndarray, shape (n,)
     c : ndarray, shape (m,)
+    runs : ndarray, shape (n,), optional
 
     Attributes
     ----------
@@ -83,7 +96,7 @@ class EigenPath:
     intercept : ndarray, shape (m,)
     """
 
-    def __init__(self, gram: Array, y: Array, c: Array) -> None:
+    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None) -> None:
         rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
         factor = _pivoted_factor(gram, max(0.1 * rounding, _DROPPED / float(c.max())))
         self.low_rank = factor is not None
@@ -100,6 +113,22 @@ class EigenPath:
         from_y = self._applied(y)
         self.intercept = from_y.sum(axis=1) / self.ones.sum(axis=1)
         self.alpha = from_y - self.intercept[:, None] * self.ones
+        self.runs: tuple[Array, Array] | None = None
+        if runs is not None and len(np.unique(runs)) > 1:
+            self._add_run_biases(indicator(runs), y)
+
+    def _add_run_biases(self, Z: Array, y: Array) -> None:
+        """C Z and the gain K, and the solution with them."""
+        applied = np.stack([self._applied(column) for column in Z.T], axis=2)
+        total = self.ones.sum(axis=1)
+        columns = applied - self.ones[:, :, None] * (self.ones @ Z / total[:, None])[:, None, :]
+        M, g = np.einsum("ni,mnj->mij", Z, columns), self.alpha @ Z
+        K = gain(restricted_likelihood(M, g, self.alpha @ y, len(y)), M)
+        self.runs = columns, K
+        # the intercept is y's share in the ones' own solution, both with run biases
+        rho_effect = np.einsum("mij,mj->mi", K, g)
+        self.alpha = self.alpha - np.einsum("mni,mi->mn", columns, rho_effect)
+        self.intercept = self.intercept - np.einsum("mi,mi->m", self.ones @ Z / total[:, None], rho_effect)
 
     def _applied(self, vector: Array) -> Array:
         """H^-1 on a vector, shape (m, n)."""
@@ -114,6 +143,9 @@ class EigenPath:
         if self.low_rank:
             blocks = self.c[:, None, None] * (np.eye(len(rows)) - blocks)
         blocks -= border[:, :, None] * (border / self.ones.sum(axis=1)[:, None])[:, None, :]
+        if self.runs is not None:
+            columns, K = self.runs
+            blocks -= columns[:, rows] @ K @ columns[:, rows].transpose(0, 2, 1)
         return np.asarray(np.linalg.solve(blocks, self.alpha[:, rows, None])[:, :, 0])
 
 
@@ -133,9 +165,10 @@ class TridiagonalPath:
         It is overwritten.
     y : ndarray, shape (n,)
     c : ndarray, shape (m,)
+    runs : ndarray, shape (n,), optional
     """
 
-    def __init__(self, gram: Array, y: Array, c: Array) -> None:
+    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None) -> None:
         level, means = float(np.diag(gram).mean()), gram.mean(axis=0)
         gram -= means
         gram += (means.mean() + level / len(y) - means)[:, None]
@@ -148,28 +181,43 @@ class TridiagonalPath:
         self.scales, self.steps, self.work = np.empty((len(c), len(diagonal))), np.zeros((len(c), len(diagonal))), np.empty(0)
         _factors(diagonal, off_diagonal, 1.0 / c, self.scales, self.steps)
         self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
+        Z = np.empty((len(y), 0)) if runs is None or len(np.unique(runs)) < 2 else indicator(runs)
+        self.Z = Z - Z.mean(axis=0)
+        self.rotated_Z = self.basis @ self.Z
+        if self.Z.shape[1]:
+            sums = self._products(np.empty(0, dtype=np.intp), slice(0, len(c)))
+            M, g = sums[:, 1:, 1:], sums[:, 1:, 0]
+            self.gain = gain(restricted_likelihood(M, g, sums[:, 0, 0], len(y)), M)
 
     def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
         """Residuals of a fold that is left out, shape (m, rows)."""
-        columns, residuals = np.empty((len(self.basis), len(rows) + 1)), np.empty((len(self.scales), len(rows)))
-        columns[:, :-1], columns[:, -1] = self.basis[:, rows], self.rotated_y
-        batch = min(len(residuals), max(1, _BATCH // columns.size))
-        if self.work.size < batch * columns.size:  # reused between folds: new memory costs as much as filling it
-            self.work = np.empty(batch * columns.size)
+        residuals = np.empty((len(self.scales), len(rows)))
+        batch = min(len(residuals), max(1, _BATCH // (len(self.basis) * (len(rows) + 1 + self.Z.shape[1]))))
         for first in range(0, len(residuals), batch):
             part = slice(first, first + batch)
-            z = self.work[: len(residuals[part]) * columns.size].reshape(-1, *columns.shape)
-            self.recur(columns, self.scales[part], self.steps[part], z)
-            sums, border = z.transpose(0, 2, 1) @ z, self.border[part]
-            if self.low_rank:
-                own = np.eye(len(rows) + 1)
-                own[-1, :-1] = self.y[rows]
-                sums = self.c[part, None, None] * (own - sums)
+            sums, border = self._products(rows, part), self.border[part]
+            if self.Z.shape[1]:
+                across = sums[:, : len(rows) + 1, len(rows) + 1 :]
+                sums = sums[:, : len(rows) + 1, : len(rows) + 1] - across @ self.gain[part] @ across.transpose(0, 2, 1)
             if len(rows) <= _SMALL_FOLD:
-                self.eliminate(sums, border, residuals[part])
+                self.eliminate(np.ascontiguousarray(sums), border, residuals[part])
             else:
                 residuals[part] = np.linalg.solve(sums[:, :-1, :-1] - border[:, None, None], sums[:, -1, :-1, None])[:, :, 0]
         return residuals
+
+    def _products(self, rows: npt.NDArray[np.intp], part: slice) -> Array:
+        """V^T H^-1 V of the rows of a fold, y, and the indicator of the runs, shape (m, k, k)."""
+        columns = np.hstack([self.basis[:, rows], self.rotated_y[:, None], self.rotated_Z])
+        count = len(self.scales[part])
+        if self.work.size < count * columns.size:  # reused between folds: new memory costs as much as filling it
+            self.work = np.empty(count * columns.size)
+        z = self.work[: count * columns.size].reshape(-1, *columns.shape)
+        self.recur(columns, self.scales[part], self.steps[part], z)
+        sums = z.transpose(0, 2, 1) @ z
+        if self.low_rank:
+            own = np.hstack([np.eye(len(self.y))[:, rows], self.y[:, None], self.Z])
+            sums = self.c[part, None, None] * (own.T @ own - sums)
+        return np.asarray(sums)
 
 
 @compiled()

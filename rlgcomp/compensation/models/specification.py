@@ -45,7 +45,7 @@ def refit_residuals(model: Any, candidates: Candidates, X: Array, y: Array, grou
         for label in np.unique(groups):
             out = groups == label
             fitted = clone(model).set_params(**parameters)
-            fitted.fit(X[~out], y[~out], **({"groups": groups[~out]} if sequential(model) else {}))
+            fitted.fit(X[~out], y[~out], **grouping(fitted, groups[~out]))
             residuals[k, out] = y[out] - fitted.predict(X[out])
     return residuals
 
@@ -71,6 +71,13 @@ def cross_validation_residuals(model: Any, X: Array, y: Array, groups: Labels) -
     return np.asarray(refit_residuals(model, [{}], X, y, groups)[0])
 
 
+def grouping(model: Any, runs: Labels) -> dict[str, Labels]:
+    """How `fit` of this model takes the run of each row: as a sequence, as runs with biases of their own, or not at all."""
+    if sequential(model):
+        return {"groups": runs}
+    return {"runs": runs} if "run_variance" in model.get_params() else {}
+
+
 def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: Labels) -> Array:
     """Root mean square of :func:`refit_residuals`, one a candidate.
 
@@ -87,6 +94,15 @@ def refit_rmse(model: Any, candidates: Candidates, X: Array, y: Array, groups: L
     ndarray, shape (candidates,)
     """
     return rms(refit_residuals(model, candidates, X, y, groups))
+
+
+def between_and_within(residuals: Array, groups: Labels) -> Array:
+    """Root mean squares of the groups' mean residuals, and of the residuals about them, shape (candidates, 2)."""
+    Z = np.unique(groups, return_inverse=True)[1]
+    counts = np.bincount(Z)
+    means = np.stack([np.bincount(Z, weights=row) for row in residuals]) / counts
+    between = means**2 @ counts / len(Z)
+    return np.sqrt(np.column_stack([between, np.mean((residuals - means[:, Z]) ** 2, axis=1)]))
 
 
 def rms(residuals: Array) -> Array:
@@ -133,7 +149,8 @@ class ModelSpecification:
     batches : callable
         Number of features to batches of candidates; a batch is scored in one piece of work.
     rmse : callable
-        Scores a batch: the error of each candidate with groups left out; see :func:`refit_rmse`.
+        Scores a batch: the error of each candidate with groups left out, see :func:`refit_rmse`; or the two parts of that error,
+        see :func:`between_and_within`.
     threads : bool
         Whether `rmse` is linear algebra alone, which threads compute in parallel. Other models are scored in processes.
     reach : float
@@ -167,6 +184,8 @@ class ModelSpecification:
         arrays: dict[str, Array] = {}
         for name in self.arrays:
             value = getattr(model, name)
+            if value is None:
+                continue
             parts = {f"{name}.{k}": part for k, part in enumerate(value)} if isinstance(value, list) else {name: value}
             arrays |= {key: np.ascontiguousarray(part, dtype=np.float64) for key, part in parts.items()}
         return settings, arrays
@@ -189,8 +208,11 @@ class ModelSpecification:
         try:
             model = self.estimator(**settings["parameters"])
             for name in self.numbers:
-                setattr(model, name, finite(settings["numbers"][name], name))
+                if name in settings["numbers"] or not hasattr(self.estimator, name):  # a default of the class is for earlier files
+                    setattr(model, name, finite(settings["numbers"][name], name))
             for name in self.arrays:
+                if hasattr(self.estimator, name) and name not in arrays:
+                    continue
                 listed = sorted((key for key in arrays if key.startswith(f"{name}.")), key=lambda key: int(key.rsplit(".", 1)[1]))
                 setattr(model, name, [arrays[key] for key in listed] if listed else arrays[name])
             self.check(model, features)

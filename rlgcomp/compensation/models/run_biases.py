@@ -1,0 +1,62 @@
+r"""Biases of runs: each run's own offset, a random effect whose variance is estimated by restricted likelihood.
+
+A gyro switched on anew, or mounted anew, has another bias. With Z the indicator of the runs, the bias of run r,
+:math:`b_r \sim N(0, \rho s^2)` about their mean, borders the system with one column a run. Without b_r it is
+:math:`H_\rho = H + \rho Z Z^T`, and with C the lower right block of the inverse of the system without run biases,
+
+.. math:: C_\rho = C - C Z K Z^T C, \qquad K = \rho\, (I + \rho M)^{-1}, \qquad M = Z^T C Z .
+
+:math:`\rho = 0` is one intercept for all runs, :math:`\rho \to \infty` a free intercept for each run. With :math:`g = Z^T C y` and
+:math:`q = y^T C y` the restricted likelihood of n rows needs only numbers of the size of the runs:
+
+.. math:: \ell(\rho) = -\tfrac12 \log\det(I + \rho M) - \tfrac{n - 1}{2} \log(q - g^T K g) .
+
+Reference
+---------
+S. R. Searle, G. Casella, C. E. McCulloch, *Variance Components*, Wiley, 1992, chapter 6.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+_RATIOS: Final = np.r_[0.0, 10.0 ** np.arange(-2.0, 6.01, 0.125)]  # of rho, over what the rows of a run can resolve
+
+
+def indicator(runs: npt.NDArray[Any]) -> Array:
+    """Z, shape (n, runs): 1 where a row belongs to a run."""
+    labels, numbers = np.unique(runs, return_inverse=True)
+    return np.eye(len(labels))[numbers]
+
+
+def restricted_likelihood(M: Array, g: Array, q: Array, rows: int) -> Array:
+    """rho of greatest restricted likelihood, shape (m,).
+
+    Parameters
+    ----------
+    M : ndarray, shape (m, runs, runs)
+    g : ndarray, shape (m, runs)
+    q : ndarray, shape (m,)
+    rows : int
+    """
+    if M.shape[1] < 2:
+        return np.zeros(len(M))
+    values, vectors = np.linalg.eigh(M)
+    values = np.maximum(values, 0.0)
+    turned = np.einsum("mij,mi->mj", vectors, g)
+    scale = values.sum(axis=1) / (M.shape[1] - 1)
+    rho = _RATIOS / np.maximum(scale, np.finfo(np.float64).tiny)[:, None]
+    grown = 1.0 + rho[:, :, None] * values[:, None, :]
+    explained = (rho[:, :, None] * turned[:, None, :] ** 2 / grown).sum(axis=2)
+    residual = np.maximum(q[:, None] - explained, np.finfo(np.float64).tiny)
+    likelihood = -0.5 * np.log(grown).sum(axis=2) - 0.5 * (rows - 1) * np.log(residual)
+    return np.asarray(rho[np.arange(len(M)), np.argmax(likelihood, axis=1)])
+
+
+def gain(rho: Array, M: Array) -> Array:
+    """K, shape (m, runs, runs)."""
+    return np.asarray(rho[:, None, None] * np.linalg.inv(np.eye(M.shape[1]) + rho[:, None, None] * M))
