@@ -86,8 +86,8 @@ def test_missing_physics_beside_a_late_thermometer_is_named(missing: dict[str, f
 
 
 def test_what_could_be_either_is_sure_of_neither() -> None:
-    """A rate that a thermometer of more than a window's lag would give."""
-    found = asked(made(0.01, rate=0.015))
+    """A rate that a thermometer of two thirds of a window's lag would give."""
+    found = asked(made(0.01, rate=0.008))
     assert max([found.posterior.null, *(cause.probability for cause in found.causes)]) < 0.99
 
 

@@ -24,7 +24,7 @@ LAW_ODDS: Final = 0.002
 NUISANCE_ODDS: Final = 0.03
 """Odds of a step of the bias, of a bias a run, and of a stated number that is wrong: each about as usual as a missing mechanism."""
 LATE_ODDS: Final = 1.0
-"""Odds that a thermometer is late by more than a fiftieth of a window: any may be."""
+"""Odds that a thermometer is late by more than a hundredth of a window: any may be."""
 WANDER_ODDS: Final = 0.03
 """Odds that something unrecorded wanders."""
 
@@ -33,7 +33,7 @@ WANDER_ODDS: Final = 0.03
 SIZES: Final = 0.2 * 3.0 ** np.arange(8)
 """Strength of a term over the white noise of a window mean, log-uniform: 0.2 can hardly be seen in a thousand windows, 440 is
 beyond any recording in which a gyro still works. A ratio of three loses a tenth of a nat against a continuum."""
-LATE: Final = (0.02, 0.5)
+LATE: Final = (0.01, 0.3)
 """Lag of a thermometer in windows, log-uniform (the lag is the half of a normal variable of so large a standard deviation).
 Sensors in or on a block answer within one second to half a minute, films and thermocouples the faster, cemented or potted elements
 the slower (IEC 60751 asks for the time to 50 and 90 per cent of a step); a window is a four hundredth of a run, so half a minute

@@ -36,7 +36,7 @@ class PeriodicInterference(Mechanism):
 
     cosine_deg_h: float = amplitude(0.003, "deg/h")
     sine_deg_h: float = amplitude(0.003, "deg/h")
-    frequency_hz: float = shape(1.0 / 900.0, "Hz", 1e-5, 0.5)
+    frequency_hz: float = shape(1.0 / 900.0, "Hz", 1e-9, 1e5)
     phase: str = setting("start", choices=("start", "random"))
 
     @property

@@ -42,8 +42,8 @@ class WarmUp(Mechanism):
     drivers = ()
 
     initial_deg_h: float = amplitude(0.01, "deg/h")
-    time_constant_s: float = shape(1800.0, "s", 60.0, 21600.0)
-    slower_time_constant_s: float = shape(10800.0, "s", 60.0, 21600.0)
+    time_constant_s: float = shape(1800.0, "s", 1e-4, 1e8)
+    slower_time_constant_s: float = shape(10800.0, "s", 1e-4, 1e8)
     slower_share: float = shape(0.3, "1", 0.0, 1.0)
     terms: str = setting("one", choices=tuple(_EQUATIONS))
 
@@ -55,8 +55,8 @@ class WarmUp(Mechanism):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        longest = min(21600.0, max(120.0, 0.4 * max(recording.duration_s for recording in recordings)))
-        return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(max(60.0, 0.01 * longest), longest, 10))
+        longest = 0.4 * max(recording.duration_s for recording in recordings)
+        return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(0.01 * longest, longest, 10))
 
     def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """Two terms, this one among them."""
