@@ -33,11 +33,13 @@ def diagnosed(table: pd.DataFrame, ball: str) -> rlg.Diagnosis:
 
 
 @pytest.mark.parametrize("ball", ["Whiffle Ball 1", "Tennis Ball", "Volleyball"])
-def test_drag_is_found_for_light_balls(table: pd.DataFrame, ball: str) -> None:
+def test_a_law_of_the_velocity_is_found_for_light_balls(table: pd.DataFrame, ball: str) -> None:
+    """A drag or, with as much right, a law of the velocity with memory."""
     diagnosis = diagnosed(table, ball)
     assert {cause.name for cause in diagnosis.causes} <= set(DRAGS)
-    assert diagnosis.causes
-    assert diagnosis.test.augmented_rms < 0.35 * diagnosis.test.baseline_rms
+    assert {driver for member in diagnosis.members for driver in member.drivers} == {"velocity_mps"}
+    assert diagnosis.p_value < 1e-6
+    assert diagnosis.test.augmented_rms < 0.5 * diagnosis.test.baseline_rms
 
 
 @pytest.mark.parametrize("ball", ["Bowling Ball", "Golf Ball"])

@@ -282,7 +282,7 @@ def _acting(run: Recording, name: str) -> Array:
 
 
 def _possible_rms_deg_h(runs: Sequence[Recording], mechanisms: Sequence[Mechanism], window_s: float) -> float:
-    names = [*NOISES, *(mechanism.name for mechanism in mechanisms if _unrepeatable(mechanism))]
+    names = [*NOISES, *(mechanism.name for mechanism in mechanisms if not mechanism.repeats())]
     errors = [sum((_acting(run, name) for name in names), np.zeros(len(run))) for run in runs]
     means = [
         run.averaged(window_s, extra=pd.DataFrame({"error": values})).column("error")
@@ -299,7 +299,3 @@ def _bare(run: Recording) -> Recording:
 
 def _estimable(mechanism: Mechanism) -> dict[str, Any]:
     return {p.name: getattr(mechanism, p.name) for p in (*mechanism.amplitude_parameters(), *mechanism.shape_parameters())}
-
-
-def _unrepeatable(mechanism: Mechanism) -> bool:
-    return mechanism.each_run or mechanism.covariance(np.zeros(1)) is not None

@@ -38,6 +38,7 @@ _REDRAWS: Final = 20
 _ALIKE: Final = 1e-6  # of an effect
 _ENERGY: Final = 0.8  # share of an effect's square that its intervals hold
 _EVERYWHERE: Final = 0.6  # intervals that cover more than this locate nothing
+_STEP: Final = 1e-3  # of a shape, relative, for its derivative
 _WINDOWS: Final = 200  # of the longest run,
 _FEWEST_WINDOWS: Final = 40  # and of the shortest, at least
 
@@ -84,7 +85,8 @@ class Projection:
             return binned.rate_deg_h(column) - Baseline(simulator).stated(binned)
 
         data = Data(tuple(Run.of(recording, grid, output) for recording in recordings))
-        columns = data.means(Baseline.calibrated(simulator, data).columns)
+        baseline = Baseline.calibrated(simulator, data)
+        columns = np.concatenate([_window_means(run, _columns(baseline, run.recording)) for run in data.runs])
         norms = np.linalg.norm(columns, axis=0)
         return cls(tuple(recordings), data, columns / np.where(norms > 0.0, norms, 1.0))
 
@@ -105,7 +107,7 @@ class Projection:
             The error at the full rate, one array a run.
         """
         parts = zip(self.data.runs, errors_deg_h, strict=True)
-        return self.residual(np.concatenate([run.window_means(run.on_bins_of_rows(error)) for run, error in parts]))
+        return self.residual(np.concatenate([_window_means(run, error[:, None])[:, 0] for run, error in parts]))
 
     @property
     def white_deg_h(self) -> float:
@@ -116,6 +118,25 @@ class Projection:
         residual = self.residual(self.data.output)
         steps = np.concatenate([np.diff(residual[rows]) for rows in self.data.slices])
         return float(SD_OF_MAD * np.median(np.abs(steps - np.median(steps))) / math.sqrt(2.0))
+
+
+def _window_means(run: Run, columns: Array) -> Array:
+    """Window means of columns at the recording's rows, shape (windows, k)."""
+    return np.column_stack([run.window_means(run.on_bins_of_rows(column)) for column in columns.T])
+
+
+def _columns(baseline: Baseline, recording: Recording) -> Array:
+    """Columns of a simulator's free amplitudes, and derivatives by its free shapes, at the full rate, shape (n, p)."""
+    columns = [np.ones(len(recording))]
+    for mechanism in baseline.simulator.mechanisms:
+        basis, free = mechanism.basis(recording), baseline.free(mechanism, "amplitude")
+        columns += [basis[:, k] for k, parameter in enumerate(mechanism.amplitude_parameters()) if parameter in free]
+        for parameter in baseline.free(mechanism, "shape"):
+            value = float(getattr(mechanism, parameter.name))
+            step = _STEP * (abs(value) or 1.0)
+            moved = dataclasses.replace(mechanism, **{parameter.name: min(value + step, parameter.high)})  # type: ignore[type-var]
+            columns.append((moved.basis(recording) - basis) @ baseline.amplitudes[mechanism.name])
+    return np.column_stack(columns)
 
 
 def drawn(kind: type[M], runs: Sequence[Recording], rng: np.random.Generator, window_s: float) -> M:
@@ -199,8 +220,8 @@ def sized_injection(
     for _ in range(_REDRAWS):
         mechanism, number = drawn(form, projection.recordings, rng, projection.window_s), int(rng.integers(2**31))
         errors = contributions(mechanism, projection.recordings, number)
-        remaining, whole = float(np.std(projection.unabsorbed(errors))), float(np.std(np.concatenate(errors)))
-        if remaining > 1e-3 * whole:
+        remaining, whole = float(np.std(projection.unabsorbed(errors))), np.concatenate(errors)
+        if remaining > max(1e-3 * float(np.std(whole)), 1e-9 * float(np.abs(whole).max())):
             try:
                 return scaled(mechanism, size_deg_h / remaining), number
             except InputError as error:

@@ -21,11 +21,15 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.numerics.readings import Readings
 from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording.stuck_channels import by_column, stuck_segments
 from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _COVERAGE = 0.8  # of a window's bins that must be there
+_SHORTEST = 0.9  # sample periods in a window: those of runs differ a little
+_FEWEST = 20  # windows of all runs,
+_FEWEST_IN_RUN = 2  # and of each
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,6 +69,12 @@ class Grid:
         """
         if not 0.0 < window_s < math.inf:
             raise InputError(f"the averaging time is {window_s:g} s; it must be positive and finite")
+        slowest = max(recordings, key=lambda recording: recording.period_s)
+        if window_s < _SHORTEST * slowest.period_s:
+            raise InputError(
+                f"{slowest.name}: cannot average over {window_s:g} s: one sample takes {slowest.period_s:.6g} s; give a larger "
+                "--averaging-s"
+            )
         period = max(recording.period_s for recording in recordings)
         samples = max(1, round(window_s / period))
         in_bin = 1 if every_sample else max(1, samples // priors.BINS)
@@ -156,6 +166,7 @@ class Run:
         sums = np.bincount(place[inside] // grid.bins, weights=output(binned)[inside], minlength=windows)
         begins = np.arange(windows) * grid.window_s
         full = (counts >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
+        full &= ~_stuck(whole, grid, windows, fixed)
         return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full], readings, whole)
 
     @property
@@ -214,6 +225,17 @@ class Run:
         """All rows of values on bins: window means, then what varies within windows where there are rows for it."""
         means = self.window_means(values)
         return means if self.within is None else np.concatenate([means, self.within.waves.T @ values])
+
+
+def _stuck(whole: Recording, grid: Grid, windows: int, fixed: Collection[str]) -> npt.NDArray[np.bool_]:
+    """Windows in which a monitor is stuck, shape (windows,)."""
+    found = np.zeros(windows, dtype=np.bool_)
+    place = ((whole.time_s - whole.time_s[0] + 0.5 * whole.period_s) / grid.window_s).astype(np.intp)
+    for segment in stuck_segments(whole.table):
+        if segment.column not in fixed:
+            inside = place[segment.start : segment.stop]
+            found[inside[inside < windows]] = True
+    return found
 
 
 def _follows(key: object, column: str) -> bool:
@@ -305,6 +327,26 @@ class Data:
     def longest_s(self) -> float:
         """Length of the longest run in s."""
         return max(run.bins for run in self.runs) * self.runs[0].grid.bin_s
+
+    def require_windows(self) -> None:
+        """Refuse runs of too few windows.
+
+        Raises
+        ------
+        InputError
+            A run has hardly a window that counts, or all of them together have few.
+        """
+        counts = [len(run.windows) for run in self.runs]
+        if min(counts) >= _FEWEST_IN_RUN and sum(counts) >= _FEWEST:
+            return
+        run = self.runs[counts.index(min(counts))]
+        columns = [f"--drop {column}" for column in by_column(stuck_segments(run.recording.table))]
+        unstuck = " in which no monitor is stuck" if columns else ""
+        remedies = ["give longer runs", "a smaller --averaging-s", *columns]
+        raise InputError(
+            f"{run.name}: {run.recording.duration_s:g} s fill {min(counts)} windows of {run.grid.window_s:g} s{unstuck}; {_FEWEST} "
+            f"of all runs are needed, and {_FEWEST_IN_RUN} of each; {' or '.join(remedies)}"
+        )
 
     @functools.cached_property
     def columns(self) -> tuple[str, ...]:

@@ -169,9 +169,10 @@ class _Engine:
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
         return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other, self.noise)
 
-    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline]:
-        """The posterior of all sets, and the simulator with its free shapes calibrated."""
+    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
+        """The posterior of all sets, the simulator with its free shapes calibrated, and a message on candidates it absorbs."""
         data, simulator = self.data(recordings), self.runs.base
+        data.require_windows()
         baseline = Baseline.calibrated(simulator, data)
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, _temperature(self.runs.train[0])))
@@ -183,11 +184,13 @@ class _Engine:
             regions = list(named(setting, self.candidates, present))
             regions += laws(setting, regions)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        return Posterior.of(bank, [*regions, *nuisances(data, baseline)]), baseline
+        absorbed = [region.mechanism for region in regions if region.mechanism and _absorbed(region, bank)]
+        messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
+        return Posterior.of(bank, [*regions, *nuisances(data, baseline)]), baseline, messages
 
-    def fitted(self, chosen: tuple[Posterior, Baseline]) -> Diagnosis:
+    def fitted(self, chosen: tuple[Posterior, Baseline, list[Message]]) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
-        posterior, baseline = chosen
+        posterior, baseline, absorbed = chosen
         decision = decided(posterior)
         data, best = self.data(self.runs.train), _best(posterior, decision)
         baseline = baseline.linearised(data)
@@ -205,16 +208,18 @@ class _Engine:
         states = likely(posterior) if decision.verdict == "ambiguous" and not self.turns else []
         rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
         following, promise = next_experiment(posterior, rivals, states, self.chamber)
+        read = {column for member in after.members for column in posterior.regions[member.form.region].drivers}
+        test, lacking = _with_columns(self.runs.test, read & set(data.columns))
         return Diagnosis(
             decision,
             posterior,
             Fit(data, baseline, bank, before),
             Fit(data, baseline, bank, after),
-            self.data(self.runs.confirm).runs,
-            self.data(self.runs.test).runs,
+            self.data([run for run in self.runs.confirm if set(data.columns) & read <= set(run.columns)]).runs,
+            self.data(test).runs,
             self.candidates,
             self.request,
-            preparation=self.runs.messages,
+            preparation=(*lacking, *absorbed, *self.runs.messages),
             warnings=self.runs.warnings,
             alignment=self.runs.alignment,
             next_experiment=following,
@@ -243,6 +248,18 @@ class _Engine:
         if seen is not None:
             seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
         return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+
+
+def _absorbed(region: Region, bank: Bank) -> bool:
+    """Whether the baseline can take the place of all of a region's forms."""
+    return bool(region.forms) and all(bank.scaled(form) is None for form in region.forms)
+
+
+def _with_columns(runs: Sequence[Recording], columns: set[str]) -> tuple[list[Recording], list[Message]]:
+    """The runs that have columns, and a message on each other."""
+    lacking = {run.name: sorted(columns - set(run.columns)) for run in runs}
+    messages = [message("diagnosis.run_lacks_column", run=name, columns=lost) for name, lost in lacking.items() if lost]
+    return [run for run in runs if not lacking[run.name]], messages
 
 
 def _null(posterior: Posterior) -> State:

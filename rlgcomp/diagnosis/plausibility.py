@@ -16,6 +16,7 @@ from rlgcomp.units import DEG_PER_TURN, SECONDS_PER_HOUR, column_unit
 Array = npt.NDArray[np.float64]
 _FARTHEST_SCALE: Final = 0.5  # error of a gyro's scale factor
 _TURNS_DEG_H: Final = 100.0  # standard deviation: less may be noise, of the gyro or of an encoder
+_ROUNDING: Final = 1e-9  # of the largest rate
 _WHOLE: Final = 0.01  # of the table's rate: the residual is all of it
 _WHOLE_TURNS_DEG: Final = 10.0  # off whole turns, by the median row: a gyro in another unit is off by any part of one
 _LARGEST_DEPARTURE_DEG_H: Final = 1e7  # no gyro measures so high a rate
@@ -65,7 +66,7 @@ def _require_following(run: Recording, channel: str, rate_deg_h: Array, table_de
     )
 
 
-def require_whole_rate(run: Recording, left_deg_h: Array) -> None:
+def require_whole_rate(run: Recording, left_deg_h: Array, gyro: str | None = None) -> None:
     """Refuse a simulation of a gyro's errors alone, after which all of its table's rate remains.
 
     Parameters
@@ -73,13 +74,19 @@ def require_whole_rate(run: Recording, left_deg_h: Array) -> None:
     run : Recording
     left_deg_h : ndarray, shape (n,)
         The gyro less its simulation.
+    gyro : str, optional
+        Gyro column, where there are several.
 
     Raises
     ------
     InputError
-        The table's rate remains.
+        The table's rate remains, or nothing at all.
     """
     _require_sane(run, left_deg_h)
+    if float(np.abs(left_deg_h).max()) <= _ROUNDING * float(np.abs(run.rate_deg_h(gyro)).max()):
+        raise InputError(
+            f"the residual of {run.name} is exactly zero, so that the recording is itself simulated; give recordings of a gyro"
+        )
     if RATE not in run:
         return
     turning = SECONDS_PER_HOUR * (run.column(RATE) - run.column(RATE).mean())

@@ -90,10 +90,10 @@ class Prepared:
             warnings += predicted.warnings
             messages += predicted.messages
         if predicted is not None and output is None:
+            for run in runs:
+                require_whole_rate(run, run.rate_deg_h(gyro) - run.column(SIMULATED), gyro)
             scaled = scale_message(runs, [run.column(SIMULATED) for run in runs], gyro)
             warnings += [] if scaled is None else [scaled]
-            for run in runs:
-                require_whole_rate(run, run.rate_deg_h(gyro) - run.column(SIMULATED))
         edges = len(train), len(train) + len(confirm)
         first, second, third = (tuple(part) for part in (runs[: edges[0]], runs[edges[0] : edges[1]], runs[edges[1] :]))
         return cls(first, second, third, base, predicted is not None, tuple(messages), tuple(warnings), alignment)
@@ -112,7 +112,8 @@ def _with_simulation(
                 f"the simulator is of kind {simulator.kind!r}, the recordings of kind {', '.join(sorted(kinds))}; give a simulator "
                 "of their kind, or correct 'kind' in the recordings' metadata"
             )
-        return simulator, list(runs), None
+        informed = tuple(mechanism.conditioned_on(runs) for mechanism in simulator.mechanisms)
+        return dataclasses.replace(simulator, mechanisms=informed), list(runs), None
     base = Simulator(kind=_kind(runs), unit=runs[0].metadata.unit or "recorded")
     if simulated is not None:
         aligned = SimulatedRuns.of(runs, simulated, gyro=gyro)

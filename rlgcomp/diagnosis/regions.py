@@ -22,7 +22,7 @@ from rlgcomp.diagnosis.memories import STARTS, Conduction, Lag, Plays, Preisach,
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
 _DENSITIES: Final = ((0.15, 0.3), (0.15, 0.6), (0.4, 0.3), (0.4, 0.6), (1.5, 0.6))  # radius and smoothness
 _NAMED: Final = math.log(priors.NAMED_ODDS)
@@ -385,12 +385,14 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             if forms:
                 grow = _GROW[name](setting) if name in _GROW else None
                 yield Region(name, name, _NAMED, forms, drivers, memory, grow)  # type: ignore[arg-type]
-        elif mechanism.drivers and all(column in setting.data.columns for column in mechanism.drivers):
-            yield _of_monitors(setting, name, mechanism)
+        elif mechanism().amplitude_parameters():
+            columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
+            readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
+            if readable and all(column in setting.data.columns for column in columns):
+                yield _of_monitors(setting, name, mechanism, columns)
 
 
-def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism]) -> Region:
-    columns = mechanism.drivers
+def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism], columns: tuple[str, ...]) -> Region:
     one = len(columns) == 1 and len([p for p in mechanism.parameters() if p.role == "amplitude"]) == 1
     one = one and CATALOGUE.get(name) is mechanism  # a mechanism of the user's may be of any form
     if one or name in _PAIRS:

@@ -193,9 +193,8 @@ class Diagnosis(Record, ShownAsTable):
         write_json(Path(folder) / "diagnosis.json", self.to_mapping())
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
 
-    def report(self, path: str | Path, executor: object = None) -> None:
-        """Write the page that shows it: one self-contained HTML file. An executor is accepted and not needed."""
-        del executor
+    def report(self, path: str | Path) -> None:
+        """Write the page that shows it: one self-contained HTML file."""
         write_page(path, self)
 
 

@@ -151,8 +151,6 @@ class Mechanism(abc.ABC):
         An empirical form, not a candidate for naming.
     constant : str
         The amplitude of a constant bias; "" where it has none.
-    constant_alone : mapping
-        Settings with which it is that constant alone.
     """
 
     name: ClassVar[str]
@@ -165,7 +163,6 @@ class Mechanism(abc.ABC):
     each_run: ClassVar[bool] = False
     empirical: ClassVar[bool] = False
     constant: ClassVar[str] = ""
-    constant_alone: ClassVar[Mapping[str, Any]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -235,7 +232,7 @@ class Mechanism(abc.ABC):
 
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The shapes and settings that diagnosis tries, each weighted by its :meth:`prior_odds`.
+        """The shapes and settings that diagnosis tries.
 
         By default ten points between the bounds of each shape, in equal ratios where the bounds are positive.
         """
@@ -245,62 +242,10 @@ class Mechanism(abc.ABC):
         ]
         return tuple(cls(**dict(point)) for point in itertools.product(*axes))
 
-    def prior_odds(self) -> float:
-        """Prior odds of this point of the grid against an ordinary one."""
-        return 1.0
-
-    @classmethod
-    def proposals(cls, time_s: Sequence[Array], residuals: Sequence[Array]) -> tuple[tuple[Self, ...], float]:
-        """Shapes that a residual suggests, where a grid would be too large, and the number of all.
-
-        Parameters
-        ----------
-        time_s, residuals : sequence of ndarray
-            Times from the start of each run, and each run's whitened residual.
-        """
-        del time_s, residuals
-        return (), 1.0
-
-    @classmethod
-    def at_line(cls, frequency_hz: float, resolution_hz: float) -> tuple[Self, ...]:
-        """Shapes around a spectral line, for a mechanism that has one."""
-        del frequency_hz, resolution_hz
-        return ()
-
-    def thresholds(self) -> tuple[float, ...]:
-        """Levels of its driver at which it switches. The misfit has many minima over them, so they are searched one by one."""
-        return ()
-
-    def with_thresholds(self, levels: Sequence[float]) -> Self | None:
-        """The same with other levels; None where they are out of bounds."""
-        del levels
-        return None
-
-    @classmethod
-    def as_telegraph(cls, half_step_deg_h: float, dwell_s: float) -> Self | None:
-        """The mechanism as a random telegraph between two values; None for any other."""
-        del half_step_deg_h, dwell_s
-        return None
-
     @classmethod
     def is_candidate(cls, kind: str) -> bool:
         """Whether it is a candidate in recordings of a kind, "chamber" or "turntable"."""
         return cls.kind in (kind, "any") and not cls.empirical
-
-    @classmethod
-    def is_telegraph(cls) -> bool:
-        """Whether it is a random telegraph."""
-        return cls.as_telegraph(1.0, 3600.0) is not None
-
-    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Higher-order forms of this mechanism, tried where the simulator has it in this form or where it is likely."""
-        del recordings
-        return ()
-
-    def covariance(self, lag_s: Array) -> Array | None:
-        """Autocovariance in (deg/h)² at time lags, for a mechanism that does not repeat between runs; None for any other."""
-        del lag_s
-        return None
 
     def stated(self) -> str:
         """Its equation; with numbers, drivers and units where they depend on its settings."""
@@ -327,26 +272,6 @@ class Mechanism(abc.ABC):
         """The mechanism conditioned on recordings of a real gyro, which replace knowledge that only a simulation has."""
         del recordings
         return self
-
-    @classmethod
-    def evident_in(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The mechanism where recordings show it significantly and it has unmodelled variance (:meth:`unmodelled`); else none."""
-        del recordings
-        return ()
-
-    @classmethod
-    def unresolved_in(cls, recordings: Sequence[Recording]) -> str:
-        """The part that these recordings cannot resolve, and the remedy, as the end of a sentence; "" where there is none."""
-        del recordings
-        return ""
-
-    def unmodelled(self, recording: Recording) -> Array | None:
-        """Unmodelled variance: independent disturbances of unit variance in deg/h, shape (n, k); None where there is none.
-
-        Every recording has the same number of columns.
-        """
-        del recording
-        return None
 
     # --- derived -----------------------------------------------------------------------------------------------------------
 

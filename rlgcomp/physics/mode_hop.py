@@ -14,8 +14,6 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 _THRESHOLDS: Final = 36
-_HOPS: Final = (2, 3, 4)  # tried
-_SPACINGS_K: Final = (6.0, 10.0, 16.0, 24.0, 36.0)
 _ONE: Final = "b = step_deg_h * relay(T; up at threshold_degC, down at dead_band_K below)"
 _SEVERAL: Final = "b = step_deg_h * sum over k < hops of relay(T; up at threshold_degC + k spacing_K, down at dead_band_K below)"
 
@@ -61,35 +59,8 @@ class ModeHop(Mechanism):
         within = [hop for hop in rested if any(hop.threshold_degC - hop.dead_band_K < r[0] < hop.threshold_degC for r in readings)]
         return (*rested, *(dataclasses.replace(hop, start=start) for hop in within for start in list(STARTS)[1:]))
 
-    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Ladders of several hops, this one among them."""
-        del recordings
-        if self.hops > 1:
-            return ()
-        ladders = [(hops, below, spacing) for hops in _HOPS for below in range(hops) for spacing in _SPACINGS_K]
-        lowest = next(parameter.low for parameter in self.parameters() if parameter.name == "threshold_degC")
-        return tuple(
-            dataclasses.replace(self, threshold_degC=self.threshold_degC - below * spacing, spacing_K=spacing, hops=hops)
-            for hops, below, spacing in ladders
-            if self.threshold_degC - below * spacing >= lowest
-        )
-
     def stated(self) -> str:
         return (_ONE if self.hops == 1 else _SEVERAL) + BEGUN[self.start]
-
-    def thresholds(self) -> tuple[float, ...]:
-        """Levels for warming and for cooling; of several hops also that for warming at the next."""
-        own = self.threshold_degC, self.threshold_degC - self.dead_band_K
-        return own if self.hops == 1 else (*own, self.threshold_degC + self.spacing_K)
-
-    def with_thresholds(self, levels: Sequence[float]) -> Self | None:
-        warming, cooling, *following = levels
-        limits = {parameter.name: (parameter.low, parameter.high) for parameter in self.parameters()}
-        spacing = following[0] - warming if following else self.spacing_K
-        moved = {"threshold_degC": warming, "dead_band_K": warming - cooling, "spacing_K": spacing}
-        if any(not limits[name][0] <= value <= limits[name][1] for name, value in moved.items()):
-            return None
-        return dataclasses.replace(self, **moved)  # type: ignore[arg-type]
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

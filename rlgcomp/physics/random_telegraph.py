@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Self
 
 import numpy as np
 
@@ -17,7 +16,7 @@ class RandomTelegraph(Mechanism):
 
     .. math:: b = \pm a, \qquad P(\text{no flip within } t) = e^{-t/\tau}, \qquad \langle b(t)\, b(t+s) \rangle = a^2 e^{-2|s|/\tau}
 
-    It does not repeat between runs, so it has a covariance and no basis.
+    It does not repeat between runs, so it has no basis.
     """
 
     name = "random_telegraph"
@@ -31,13 +30,6 @@ class RandomTelegraph(Mechanism):
 
     def basis(self, recording: Recording) -> Array:
         return np.empty((len(recording), 0))
-
-    @classmethod
-    def as_telegraph(cls, half_step_deg_h: float, dwell_s: float) -> Self:
-        return cls(half_step_deg_h=min(half_step_deg_h, 10.0), dwell_s=float(np.clip(dwell_s, 10.0, 86400.0)))
-
-    def covariance(self, lag_s: Array) -> Array:
-        return np.asarray(self.half_step_deg_h**2 * np.exp(-2.0 * np.abs(lag_s) / self.dwell_s))
 
     def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:
         time_s = recording.time_s - recording.time_s[0]

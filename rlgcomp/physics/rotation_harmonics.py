@@ -99,19 +99,6 @@ class RotationHarmonics(Mechanism):
                     points.append(cls(**{f"order_{j}": k for j, k in enumerate(plain, 1)}, scaling=scaling, taken=taken))
         return tuple(points)
 
-    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The same with one more of the lower orders."""
-        if len(self.orders) == MOST:
-            return ()
-        further = set(range(2, min(highest_order(recordings), LOWER) + 1)) - set(self.orders)
-        place = next(name for name in (f"order_{j}" for j in range(1, MOST + 1)) if not getattr(self, name))
-        return tuple(dataclasses.replace(self, **{place: order}) for order in sorted(further))  # type: ignore[arg-type]
-
-    @classmethod
-    def unresolved_in(cls, recordings: Sequence[Recording]) -> str:
-        highest = highest_order(recordings)
-        return f"orders above {highest} (sample faster, or turn more slowly)" if highest < HIGHEST else ""
-
     def basis(self, recording: Recording) -> Array:
         columns = [column for order in self.orders for column in harmonic(recording, order, self.taken)]
         table = np.column_stack(columns)

@@ -11,7 +11,6 @@ from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, sh
 from rlgcomp.recording import Recording
 
 _LATE_S: Final = (0.0, 12.0, 30.0)  # lags of thermometers glued to a gyro
-_RARELY: Final = 0.01  # prior odds of lagging thermometers
 _OF_LATE_ONES: Final = "b = k_deg_h_K * (D + thermometers_late_s * dD/dt) with D = temperature_block_degC - temperature_shell_degC"
 
 
@@ -45,10 +44,6 @@ class ThermalGradient(Mechanism):
         """Thermometers without and with lag."""
         del recordings
         return tuple(cls(thermometers_late_s=late_s) for late_s in _LATE_S)
-
-    def prior_odds(self) -> float:
-        """Lag is rare beforehand: only an effect far above the noise can show it."""
-        return _RARELY if self.thermometers_late_s else 1.0
 
     def for_true_quantities(self) -> Self:
         return dataclasses.replace(self, thermometers_late_s=0.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from typing import Final, Self
 
@@ -17,9 +16,6 @@ from rlgcomp.recording import Recording
 _RADII: Final = 12  # of the law "plays"
 _NOISE: Final = 4.0  # standard deviations of read noise, which hardly a reading exceeds
 _CONCENTRATION: Final = 4.0  # of relays about narrow loops
-_RADII_OF_SPAN: Final = (0.08, 0.16)  # of the range of temperature, tried with the law "coleman_hodgdon"
-_CENTRES_OF_SPAN: Final = (-0.25, 0.0, 0.25)
-_CURVES_OF_SPAN: Final = (0.35, 0.8)
 _EQUATIONS: Final = {
     "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
     "plays": "b = k1_deg_h_K (mean over r ~ exp(-r / radius_K) of play(T; r) - T)",
@@ -88,25 +84,6 @@ class ThermalHysteresis(Mechanism):
         relays = [cls(law="preisach", centre_degC=centre, span_K=factor * span) for factor in (1.0, 1.5)]
         swept = [dataclasses.replace(one, start=start) for start in list(STARTS)[1:] for one in (*plays, *relays)]
         return (*few, *plays, *smooth, *relays, *swept)
-
-    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Loops that are narrower where it is cold or hot."""
-        if self.law == "coleman_hodgdon":
-            return ()
-        middle, span = _range(recordings)
-        narrowing = itertools.product(_RADII_OF_SPAN, _CENTRES_OF_SPAN, _CURVES_OF_SPAN)
-        return tuple(
-            dataclasses.replace(
-                self,
-                radius_K=float(np.clip(radius * span, 0.2, 80.0)),
-                curve_centre_degC=middle + centre * span,
-                curve_K=float(np.clip(curve * span, 2.0, 400.0)),
-                law="coleman_hodgdon",
-                centre_degC=type(self).centre_degC,  # not used by this law: equal candidates are not tried twice
-                span_K=type(self).span_K,
-            )
-            for radius, centre, curve in narrowing
-        )
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Final, Self
+from collections.abc import Sequence
+from typing import Final, Self
 
 import numpy as np
 
@@ -33,7 +33,6 @@ class ThermalPolynomial(Mechanism):
     )
     drivers = (TEMPERATURE,)
     constant = "c0_deg_h"
-    constant_alone: ClassVar[Mapping[str, Any]] = {"degree": 0}
 
     c0_deg_h: float = amplitude(0.0, "deg/h", limit=LARGEST)
     c1_deg_h_K: float = amplitude(2e-4, "deg/h/K", limit=LARGEST)
@@ -51,10 +50,6 @@ class ThermalPolynomial(Mechanism):
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         del recordings
         return tuple(cls(degree=degree) for degree in (1, 2, 3))
-
-    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        del recordings
-        return tuple(dataclasses.replace(self, degree=degree) for degree in range(int(self.degree) + 1, HIGHEST_DEGREE + 1))
 
     def driver_columns(self, recording: Recording) -> tuple[str, ...]:
         return super().driver_columns(recording) if self.degree else ()  # a constant reads no thermometer

@@ -194,7 +194,6 @@ def _basis_faults(mechanism: type[Mechanism]) -> list[str]:
     try:
         usual = mechanism()
         trial = _trial(usual)
-        without = usual.covariance(np.zeros(1)) is None
     except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it raises is the file's fault
         return [f"it fails{_line(mechanism, error)}: {type(error).__name__}: {error}"]
     fault = _fault_on(usual, trial)
@@ -202,8 +201,8 @@ def _basis_faults(mechanism: type[Mechanism]) -> list[str]:
         return [fault]
     if not np.array_equal(usual.basis(trial), usual.basis(trial.replace(table=trial.table.assign(gyro_deg_h=1.0)))):
         return ["basis changes with the gyro's output or from call to call; it may read monitors only, and no random numbers"]
-    if not usual.amplitude_parameters() and without:
-        return ["it has no amplitude and no covariance; give it one parameter made by amplitude(...)"]
+    if not usual.amplitude_parameters():
+        return ["it has no amplitude; give it one parameter made by amplitude(...)"]
     return [
         f"basis is zero for {parameter.name} whatever the monitors read: it can have no effect; give it a column that is not"
         for parameter, nonzero in zip(usual.amplitude_parameters(), _nonzero_amplitudes(usual), strict=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from typing import Final, Self
 
@@ -12,8 +11,6 @@ import numpy as np
 from rlgcomp.physics.mechanism import Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
-_RATIOS: Final = (1.0, 4.0, 10.0, 25.0)  # of the time constants tried to that of one term
-_SHARES: Final = (0.25, 0.5, 0.75)
 _EQUATIONS: Final = {
     "one": "b = initial_deg_h * exp(-t / time_constant_s)",
     "two": (
@@ -57,20 +54,6 @@ class WarmUp(Mechanism):
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         longest = 0.4 * max(recording.duration_s for recording in recordings)
         return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(0.01 * longest, longest, 10))
-
-    def extensions(self, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """Two terms, this one among them."""
-        del recordings
-        if self.terms != "one":
-            return ()
-        quicker, slower = ([self.time_constant_s * ratio**sign for ratio in _RATIOS] for sign in (-1.0, 1.0))
-        pairs = [pair for pair in itertools.product(quicker, slower) if pair[0] < pair[1]]
-        low, high = (next(p for p in self.parameters() if p.name == name) for name in ("time_constant_s", "slower_time_constant_s"))
-        return tuple(
-            dataclasses.replace(self, time_constant_s=quick, slower_time_constant_s=slow, slower_share=share, terms="two")
-            for (quick, slow), share in itertools.product(pairs, _SHARES)
-            if quick >= low.low and slow <= high.high
-        )
 
     def basis(self, recording: Recording) -> Array:
         since_s = recording.time_s - recording.time_s[0]

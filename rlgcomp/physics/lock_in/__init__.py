@@ -5,19 +5,16 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Self
 
 import numpy as np
 
-from rlgcomp.physics.lock_in.observed import RATIO, Search, consistent, observed
-from rlgcomp.physics.lock_in.sampled import LOWEST_DEG_S, mean_error_deg_h, phase_disturbances, pulse_of_deg, spans_of_s
+from rlgcomp.physics.lock_in.observed import RATIO, consistent, observed
+from rlgcomp.physics.lock_in.sampled import LOWEST_DEG_S, mean_error_deg_h, pulse_of_deg, spans_of_s
 from rlgcomp.physics.mechanism import FELT_RATE_DEG_S, TABLE_RATE, Array, Mechanism, amplitude, setting, shape
 from rlgcomp.recording import Recording
 from rlgcomp.recording.motion import averaged_at_rest, earth_rate_deg_h, rate_deg_s
 from rlgcomp.units import SECONDS_PER_HOUR
-
-_STANDS_OUT: Final = 10.0  # standard deviations: lock-in is significant
-_FEW: Final = 30  # lock-in rates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,10 +56,6 @@ class LockIn(Mechanism):
     acts_on: str = setting("total", choices=("total", "table"))
     offset_deg_h: float = setting(0.0, "deg/h")
 
-    def unmodelled(self, recording: Recording) -> Array:
-        """Disturbances by the unknown phase of the beams: see :func:`rlgcomp.physics.lock_in.sampled.phase_disturbances`."""
-        return phase_disturbances(self._rate_deg_s(recording), spans_of_s(recording), pulse_of_deg(recording), self.lock_in_deg_s)
-
     @classmethod
     def grid(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
         """Lock-in rates in equal ratios up to the highest rate, and the best one; where a table rests, also with the bias locked.
@@ -85,21 +78,6 @@ class LockIn(Mechanism):
             for acts_on, offset in felt
             for rate in consistent(*shown[:2], rates, offset)
         )
-
-    @classmethod
-    def evident_in(cls, recordings: Sequence[Recording]) -> tuple[Self, ...]:
-        """The best lock-in rate, where its error at steady rates is significant and of its own size."""
-        shown = observed(recordings)
-        top = 0.0 if shown is None else float(np.abs(shown[0]).max())
-        if shown is None or not 0.9 * top > LOWEST_DEG_S or not shown.steady:
-            return ()
-        tried = [(offset, Search(*shown[:2], offset)) for offset in (0.0, *shown.offsets_deg_h)]
-        rates = np.geomspace(LOWEST_DEG_S, min(0.9 * top, 10.0), _FEW)
-        fits = [(search.misfit(best), best, offset, search) for offset, search in tried for best in (search.best(rates),)]
-        misfit, best, offset, search = min(fits, key=lambda one: one[0])
-        factor, sizes = search.share(best)
-        plain = RATIO**-2 <= factor <= RATIO**2 and sizes > _STANDS_OUT * math.sqrt(misfit / max(search.square, 1e-300))
-        return (cls(lock_in_deg_s=min(best, 10.0), acts_on="total" if offset else "table", offset_deg_h=offset),) if plain else ()
 
     def canonical(self) -> Self:
         """The lock-in rate that has the same error at fast rotation with `fraction` one."""

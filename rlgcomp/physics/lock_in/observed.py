@@ -118,11 +118,6 @@ class Search:
         minimum = minimize_scalar(misfit, bounds=(nearest - step, nearest + step), method="bounded", options={"xatol": 1e-7})
         return math.exp(minimum.x)
 
-    @property
-    def square(self) -> float:
-        """Sum of squares of the residual."""
-        return float(self._residual @ self._residual)
-
     def misfit(self, lock_in_deg_s: float) -> float:
         """Sum of squares after a lock-in rate."""
         rest = self._residual - self._column(lock_in_deg_s)

@@ -1,9 +1,9 @@
-"""Lock-in of a rate that is sampled: the mean error over each sample, and the disturbances by the unknown phase."""
+"""Lock-in of a rate that is sampled: the mean error over each sample."""
 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,109 +17,7 @@ _RUNNING: Final = 1e-3  # of the rate: smaller changes within a sample are negle
 _STOOD: Final = 0.05  # of the first step of a table that starts
 _EVEN: Final = 0.1  # of a step of the rate: an even acceleration
 _PULSE_ARCSEC: Final = 1.0
-_PASSAGES: Final = 32
 _HASTE: Final = math.exp(1.0 - np.euler_gamma) / math.pi  # of pulse times acceleration: squared rate below which there is no beat
-_CORE: Final = 4.0  # of Fresnel's argument about a passage: beyond, the rate hardly changes within a beat
-_REACH: Final = 16  # samples at most to either side of a passage
-_EDGE: Final = 1e-9  # of a sample: a passage at its end is counted once
-_BEATS: Final = 0.1  # lock-in rate over rate: below, the angle within a beat is neglected
-_UNIFORM: Final = 1.0 / math.sqrt(12.0)  # standard deviation of a uniform phase, in counts
-
-
-def phase_disturbances(rate: Array, spans_s: Array, pulse_deg: float, lock_in_deg_s: float) -> Array:
-    r"""Disturbances by the unknown phase of the beams, of unit variance each, in deg/h.
-
-    A passage through zero at :math:`t_0` with the phase :math:`\psi_0` adds the error
-
-    .. math:: -W_L \sin(\psi_0 + \pi S \dot W (t - t_0)^2), \qquad
-        \text{in total a step of the angle by} \quad \frac{W_L}{\sqrt{S |\dot W|}} \sin(\psi_0 \pm \pi/4),
-
-    the first order of the phase equation with a uniform phase; dither turns it into random walk (Aronowitz, section on dither).
-    Its cosine and its sine are one disturbance each, with Fresnel's integrals as means over samples. They are even about
-    :math:`t_0` and the mean error is odd, so that a passage at the end of a sample hides nothing of the mean error. A sample
-    that ends within a beat has an angle ahead or behind by up to half a count, more so near lock-in; samples about a passage
-    have that already. An unknown pulse is taken as one second of arc. Where a table starts or stops near lock-in within a
-    sample, the course of its rate is not recorded: half of the error there is a disturbance.
-
-    Parameters
-    ----------
-    rate : ndarray, shape (n,)
-        Total rate of the light, mean over each sample, in deg/s.
-    spans_s : ndarray, shape (n,)
-        Lengths of the samples.
-    pulse_deg : float
-        Angle per pulse.
-    lock_in_deg_s : float
-        Lock-in rate.
-
-    Returns
-    -------
-    ndarray, shape (n, 128)
-    """
-    run = _change_within(rate)
-    columns = np.zeros((len(rate), 4 * _PASSAGES))
-    swept = _passages(rate, run, spans_s, pulse_deg)
-    for k, share_s in enumerate((swept.cosine_s, swept.sine_s)):
-        step_deg_h = SECONDS_PER_HOUR * math.sqrt(0.5) * lock_in_deg_s * share_s / spans_s[swept.rows]
-        _spread(columns[:, k * _PASSAGES : (k + 1) * _PASSAGES], swept.rows, step_deg_h, swept.passage)
-    sizes, runs_on = np.abs(rate), (run[1:] != 0.0) & (run[:-1] != 0.0)
-    between = np.where(runs_on, np.abs(0.5 * (rate[1:] + rate[:-1])), np.minimum(sizes[1:], sizes[:-1]))
-    share = lock_in_deg_s / np.maximum(between, lock_in_deg_s)
-    beating = (share < 1.0) | (np.diff(rate) != 0.0)  # at rest the phase is locked
-    beating[np.intersect1d(swept.rows, swept.rows - 1)] = False
-    ends = np.flatnonzero(beating & (share > _BEATS))
-    ahead_deg = pulse_deg * _UNIFORM * share[ends] / (1.0 + np.sqrt(1.0 - share[ends] ** 2))
-    _spread(columns[:, 2 * _PASSAGES : 3 * _PASSAGES], ends, SECONDS_PER_HOUR * ahead_deg / spans_s[ends])
-    _spread(columns[:, 2 * _PASSAGES : 3 * _PASSAGES], ends + 1, -SECONDS_PER_HOUR * ahead_deg / spans_s[ends + 1])
-    sudden, error = _sudden_changes(rate), mean_error_deg_h(rate, lock_in_deg_s, pulse_deg / spans_s)
-    _spread(columns[:, 3 * _PASSAGES :], sudden, 0.5 * np.abs(error[sudden]))
-    return columns
-
-
-class _Passages(NamedTuple):
-    """Samples around passages through zero, several for each, and the integrals of the phase over them."""
-
-    rows: npt.NDArray[np.intp]
-    passage: npt.NDArray[np.intp]  # number of the passage of each, from 0
-    cosine_s: Array  # integral over the sample of the cosine of the phase since the passage
-    sine_s: Array
-
-
-def _passages(rate: Array, run: Array, spans_s: Array, pulse_deg: float) -> _Passages:
-    r"""Passages of a linear rate through zero: the phase is :math:`\psi_0 + \pi S \dot W t^2`, hence Fresnel's integrals."""
-    from scipy.special import fresnel
-
-    before, size = np.sign(run) * rate, np.abs(run)
-    through = np.flatnonzero((before > (_EDGE - 0.5) * size) & (before <= (_EDGE + 0.5) * size) & (size > 0.0))
-    slope = run[through] / spans_s[through]
-    unit_s = np.sqrt(0.5 * pulse_deg / np.abs(slope))  # Fresnel's argument is the time over this
-    reach = np.minimum(np.ceil(_CORE * unit_s / spans_s[through]), _REACH).astype(np.intp)
-    counts = 2 * reach + 1
-    passage = np.repeat(np.arange(len(through)), counts)
-    offset = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts) - reach[passage]
-    rows = through[passage] + offset
-    inside = (rows >= 0) & (rows < len(rate))
-    rows, passage, offset = rows[inside], passage[inside], offset[inside]
-    middle_s = offset * spans_s[through[passage]] + (rate[through] / slope)[passage]
-    half_s = 0.5 * spans_s[through[passage]]
-    (sine_to, cosine_to), (sine_from, cosine_from) = (fresnel((middle_s + side * half_s) / unit_s[passage]) for side in (1.0, -1.0))
-    return _Passages(rows, passage, unit_s[passage] * (cosine_to - cosine_from), unit_s[passage] * (sine_to - sine_from))
-
-
-def _spread(columns: Array, rows: npt.NDArray[np.intp], sizes: Array, disturbance: npt.NDArray[np.intp] | None = None) -> None:
-    """Add disturbances to columns, one each; where there are more than columns, several share one with alternating signs.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (n, k)
-        Changed in place.
-    rows : ndarray of int, shape (m,)
-    sizes : ndarray, shape (m,)
-    disturbance : ndarray of int, shape (m,), optional
-        Number of the disturbance of each row; by default each row is one.
-    """
-    turn, column = np.divmod(np.arange(len(rows)) if disturbance is None else disturbance, columns.shape[1])
-    np.add.at(columns, (rows, column), (-1.0) ** turn * sizes)
 
 
 def spans_of_s(recording: Recording) -> Array:
@@ -180,17 +78,6 @@ def _steps(rate: Array) -> tuple[float, Array, float]:
         for ends in (step[:2], step[:-3:-1])
     )
     return before, step, after
-
-
-def _sudden_changes(rate: Array) -> npt.NDArray[np.intp]:
-    """Samples near zero rate in which an acceleration begins or ends: the steps on both sides differ."""
-    first, within, last = _steps(rate)
-    step = np.r_[first, first, within, last, last]
-    earlier, before, after, later = np.abs(step[:-3]), np.abs(step[1:-2]), np.abs(step[2:-1]), np.abs(step[3:])
-    size = np.maximum(before, after)
-    alone = np.maximum(earlier, later) <= _STOOD * size
-    near = (_change_within(rate) != 0.0) & (np.abs(rate) <= size)
-    return np.flatnonzero(near & ((np.abs(after - before) > _EVEN * size) | alone))
 
 
 def _start(rate: Array) -> tuple[npt.NDArray[np.intp], Array, Array, Array]:

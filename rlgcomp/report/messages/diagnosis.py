@@ -258,6 +258,14 @@ def _simulation_scaled(ratio: float, correlation: float, wrong_sign: bool, wrong
     return f"The recordings are about {times} the output of your simulator (correlation {correlation:.2f}): {doubt}"
 
 
+def _absorbed(mechanisms: Sequence[str]) -> str:
+    return f"Not tried, because the simulator's own terms can take its place in these runs: {listing(list(mechanisms))}."
+
+
+def _run_lacks_column(run: str, columns: Sequence[str]) -> str:
+    return f"{run} lacks {listing(list(columns))}, which a finding reads: it takes no part in the proof."
+
+
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.nothing_missing": _nothing,
     "diagnosis.nothing_named": _nothing_named,
@@ -296,6 +304,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.left_out": _left_out,
     "diagnosis.only": _only,
     "diagnosis.confirmed": _confirmed,
+    "diagnosis.run_lacks_column": _run_lacks_column,
+    "diagnosis.absorbed": _absorbed,
     "diagnosis.simulation_scaled": _simulation_scaled,
     "diagnosis.no_clock": _no_clock,
     "diagnosis.clock": _clock,

@@ -8,7 +8,6 @@ from typing import Final
 
 from rlgcomp.units import SECONDS_PER_HOUR
 
-SMALL: Final = 1e-6  # probability below which only that is printed
 LEAST_P: Final = 1e-12
 _SMALLEST, _LARGEST = -3, 5  # powers of ten that numbers are printed without
 _EPOCH_S: Final = 3e8  # a larger time counts from 1970
