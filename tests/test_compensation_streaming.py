@@ -429,3 +429,39 @@ def test_dates_that_may_be_read_two_ways_and_rows_without_use_end_a_stream_with_
         source.write_text("\n".join([lines[0], *(f"{stamp},{line.partition(',')[2]}" for line in lines[1:50])]) + "\n")
         code, output = follow(saved, source, "--out", tmp_path / f"{len(text)}.csv")
         assert (code, text in " ".join(output.split())) == (2, True)
+
+
+def test_numbers_without_sense_are_undone_as_far_as_earlier_lines_show_them(model: rlg.Compensator) -> None:
+    """Temperatures below absolute zero, error values and overflows: a stream gives what it gives without them."""
+    clean = recording(3, 400).table[["time_s", "gyro_deg_h", *MONITORS]]
+    clean["time_s"] = np.arange(400.0)
+    clean["temperature_block_degC"] = 20.0 + 5.0 * np.sin(np.arange(400.0) / 50.0)
+    clean["light_intensity_V"] = 2.5 + 0.01 * np.sin(np.arange(400.0))
+    spoilt, held = clean.copy(), clean.copy()
+    spoilt.loc[[5, 100, 101], "temperature_block_degC"] = [-9999.0, -300.0, 850.0]
+    spoilt.loc[200:210, "temperature_block_degC"] = -127.0
+    spoilt.loc[300, "light_intensity_V"] = 999.9
+    for column, rows in (("temperature_block_degC", [5, 100, 101, *range(200, 211)]), ("light_intensity_V", [300])):
+        held.loc[rows, column] = np.nan
+    found, expected = streamed(model, spoilt), streamed(model, held)
+    pd.testing.assert_frame_equal(found[0], expected[0], check_exact=True)
+    assert dict(found[1].changed) == {"impossible temperatures": 2, "error values of loggers": 13}
+    assert not expected[1].changed
+
+
+@pytest.mark.parametrize("modulus", [256.0, 65536.0])
+def test_an_overflow_in_a_stream_runs_on(model: rlg.Compensator, modulus: float) -> None:
+    clean = recording(3, 400).table[["time_s", "gyro_deg_h", *MONITORS]]
+    clean["time_s"] = np.arange(400.0)
+    clean["temperature_block_degC"] = 1.5 * np.cos(np.arange(400.0) / 50.0)
+    spoilt = clean.assign(temperature_block_degC=clean["temperature_block_degC"] % modulus)
+    found, expected = streamed(model, spoilt), streamed(model, clean)
+    assert found[0]["gyro_deg_h"].to_numpy() == pytest.approx(expected[0]["gyro_deg_h"].to_numpy(), abs=1e-9)
+    assert found[1].changed["overflows of counters"] == 3
+
+
+def streamed(model: rlg.Compensator, table: pd.DataFrame) -> tuple[pd.DataFrame, StreamCompensator]:
+    """What a stream gives of a table, in batches of 50 lines."""
+    stream = StreamCompensator(model, ",".join(table.columns))
+    lines = to_lines(table)
+    return pd.concat([stream.feed(lines[first : first + 50]) for first in range(0, len(lines), 50)], ignore_index=True), stream

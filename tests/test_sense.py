@@ -172,3 +172,30 @@ def test_shared_cases() -> None:
             abs(np.median(rlg.read(case(f"03-impossible-temperatures/w16_{name}.parquet")).column("temperature_block_degC"))) < 80
         )
     assert len(rlg.read(case("14-duty-cycled-bursts/bursts.csv")).averaged()) == 25
+
+
+@pytest.mark.parametrize(
+    ("column", "step", "level"), [("temperature_block_degC", 0.01, 0.3), ("gyro_deg_h", 1e-4, 0.001), ("pressure_hPa", 0.1, 2.0)]
+)
+def test_small_numbers_of_both_signs_without_theirs(column: str, step: float, level: float) -> None:
+    """A converter of 16 bits in steps of a unit: -1 step is read as 65535 of them; missing values hide nothing."""
+    signed = np.rint((level * np.sin(TIME / 90.0) + 3.0 * level * np.random.default_rng(5).standard_normal(ROWS)) / step)
+    read = step * (signed % 65536.0)
+    read[77] = np.nan
+    result, found = repaired(table(**{column: read}))
+    kept = (
+        np.delete(step * signed, 77)
+        if column == "gyro_deg_h"
+        else np.where(np.arange(ROWS) == 77, step * signed[76], step * signed)
+    )
+    assert result[column].to_numpy() == pytest.approx(kept, abs=1e-6)
+    assert found["counter_overflow"].message.data["modulus"] == pytest.approx(65536.0 * step)
+
+
+def test_a_switch_is_no_counter() -> None:
+    """Fully off and fully on, in bytes and otherwise."""
+    on = TIME % 200.0 > 90.0
+    for values in (255.0 * on, 100.0 * on, 655.35 * on):
+        result, found = repaired(table(heater=values))
+        assert (result["heater"].to_numpy() == values).all()
+        assert "counter_overflow" not in found

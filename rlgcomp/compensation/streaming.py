@@ -1,8 +1,10 @@
 """Streaming: a recording is compensated while it is made, from a growing CSV file or standard input, each line once it is whole.
 
 A line is final once it is written, so repairs use only earlier lines. A missing monitor keeps its last value for up to a
-minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is left out. Stuck
-gyros, frozen thermometers and single outliers, which later samples reveal, are not detected: read the finished file for that.
+minute, as when a whole file is read; a row without a gyro value, without time, or whose time does not increase is left out.
+Impossible temperatures, error values of loggers and counters that overflow are repaired as far as earlier lines show them
+(:mod:`rlgcomp.recording.repair.running_sense`). Stuck gyros, frozen thermometers and single outliers, which later samples reveal,
+are not detected: read the finished file for that.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require
 from rlgcomp.recording.formats.dialect import BLANKS, Dialect, decimal_of, entries
 from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping
 from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
+from rlgcomp.recording.repair.running_sense import RunningSense
 from rlgcomp.recording.repair.running_time import RunningTime
 from rlgcomp.recording.times import AmbiguousDatesError
 from rlgcomp.report.messages import Message, message
@@ -58,6 +61,8 @@ class StreamSummary:
         The last line had no end when the stream ended; it was left out.
     signal : int, optional
         The signal that interrupted it.
+    changed : dict
+        Values taken as missing, and counters that now run on, by reason.
     """
 
     out: str
@@ -66,6 +71,7 @@ class StreamSummary:
     left_out: dict[str, int]
     unfinished: bool
     signal: int | None
+    changed: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def exit_code(self) -> int:
@@ -184,7 +190,9 @@ def compensate_stream(
         if interrupted.signal is None and stream.left_out and not stream.usable:
             raise InputError(f"{source}: no row could be used: {stream.reasons}")
         unfinished = bool(batches.pending.strip())
-        return StreamSummary(str(out), rows, written.found_there, dict(stream.left_out), unfinished, interrupted.signal)
+        return StreamSummary(
+            str(out), rows, written.found_there, dict(stream.left_out), unfinished, interrupted.signal, dict(stream.changed)
+        )
 
 
 class StreamCompensator:
@@ -207,6 +215,8 @@ class StreamCompensator:
         Rows that gave no output, by reason.
     usable : int
         Rows that gave output.
+    changed : Counter
+        Values taken as missing, and counters that now run on, by reason.
     columns : tuple of str
         Of the output.
 
@@ -238,7 +248,7 @@ class StreamCompensator:
         if period_s is not None and not (isinstance(period_s, int | float) and 0.0 < period_s < np.inf):
             raise InputError(f"the sample period is {period_s!r}; it must be a positive number of seconds")
         self.dialect = csv.dialect_of_text([header]) if isinstance(header, str) else header
-        self._time, self._begun = RunningTime(), False
+        self._time, self._sense, self._begun = RunningTime(), RunningSense(), False
         self.usable = 0
         self.left_out: Counter[str] = Counter()
         self._rows = 0
@@ -282,6 +292,11 @@ class StreamCompensator:
                 raise InputError(f"the stream: {message('recording.ambiguous_dates', first=error.first)}") from None
 
     @property
+    def changed(self) -> Counter[str]:
+        """Values taken as missing, and counters that now run on, by reason."""
+        return self._sense.changed
+
+    @property
     def reasons(self) -> str:
         """Why rows gave no output."""
         return ", ".join(f"{count} {reason}" for reason, count in self.left_out.items())
@@ -317,6 +332,7 @@ class StreamCompensator:
             mapped = mapped.assign(**{TIME: self._time.seconds(mapped[TIME])})
         numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)
         numbers = numbers.mask(numbers.abs() > LARGEST_VALUE)
+        numbers = self._sense.checked(numbers)
         dark = without_light(numbers)
         return numbers.assign(**{column: numbers[column].mask(dark) for column in READOUTS}) if dark.any() else numbers
 

@@ -19,13 +19,18 @@ ERROR_VALUES: Final = (
     -9999.0, -999.0, -99999.0, -999.9, -999.99, -9999.9, -8888.0, -7999.0, 7999.0, 9999.0, 99999.0, 999.9, 9999.9, 850.0, -127.0,
     32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0, 1e6, -1e6, 1e9, -1e9,
 )  # fmt: skip
-_ISOLATED: Final = 1.5  # ranges of the other values that an error value lies away from them
+ISOLATED: Final = 1.5  # ranges of the other values that an error value lies away from them
 _MODULI: Final = (2.0**32, 2.0**16, 2.0**8)
-_CLOSE: Final = 0.02  # of the modulus: steps besides the jumps are smaller
+CLOSE: Final = 0.02  # of the modulus: steps besides the jumps are smaller
 _ROOM_DEGC: Final = 20.0
+_OF_BYTES: Final = ("_degC", "_pulses")  # what counters of a byte hold; 0 and 255 of others are a switch
+_EMPTY: Final = 0.5  # of the range, about its middle, has a value where numbers were not small and of both signs
 _FEWEST_GROUPS: Final = 50
 _IN_GROUPS: Final = 0.995  # of the changes come after a whole number of rows
 _MOST_TIMES: Final = 1000
+_PROBES: Final = 1000  # values that nearly always show that a column is no such counter
+_CLOSE_TO_ENDS: Final = 0.02 * 2.0**16
+_SOME: Final = 1 << 14  # values that show the step of a converter
 _FEW_IMPOSSIBLE: Final = 0.2  # of a thermometer's values: more are another quantity or unit
 
 
@@ -35,9 +40,12 @@ def counter_overflows(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     for column in _measured(table):
         values = table[column].to_numpy()
         extent = context.extents(table)[column]
-        for modulus in _MODULI:
-            spread = extent.greatest - extent.least
-            if not 0.9 * modulus <= spread < (1.0 + _CLOSE) * modulus:
+        least, greatest = extent.least, extent.greatest
+        if extent.missing and np.isfinite(values).any():
+            least, greatest = float(np.nanmin(values)), float(np.nanmax(values))
+        for modulus in (*moduli_of(column), *_modulus_in_steps(values, least, greatest)):
+            spread = greatest - least
+            if not 0.9 * modulus <= spread < (1.0 + CLOSE) * modulus:
                 continue
             jumps, undone = _unwrapped(values, modulus, _centre(column, modulus))
             if len(jumps):
@@ -48,13 +56,41 @@ def counter_overflows(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     return table.assign(**changed) if changed else table
 
 
+def moduli_of(column: str) -> tuple[float, ...]:
+    """Moduli by which the counters of a column may jump."""
+    return _MODULI if column.endswith(_OF_BYTES) else _MODULI[:-1]
+
+
+def _modulus_in_steps(values: Array, least: float, greatest: float) -> tuple[float, ...]:
+    """The range of a converter of 16 bits in the column's unit, where small numbers of both signs are read without theirs.
+
+    All values are then whole steps, and fill the two ends of the range alone.
+    """
+    middle = 0.5 * (least + greatest)
+    near = 0.5 * (1.0 - _EMPTY) * (greatest - least)
+
+    def inside(some: Array) -> bool:
+        return bool((np.abs(some - middle) < near).any())
+
+    if not 0.0 <= least < greatest < np.inf or inside(values[:: max(1, len(values) // _PROBES)]) or inside(values):
+        return ()
+    known = np.unique(values[np.isfinite(values)][:_SOME])
+    if len(known) < 3:  # a switch
+        return ()
+    step = float(np.diff(known).min())
+    counts = known / step
+    whole = float(np.abs(counts - np.rint(counts)).max()) < 0.05
+    ends = least <= _CLOSE_TO_ENDS * step and 2.0**16 - _CLOSE_TO_ENDS <= greatest / step < 2.0**16
+    return (step * 2.0**16,) if whole and ends else ()
+
+
 def _unwrapped(values: Array, modulus: float, centre: float | None) -> tuple[npt.NDArray[np.intp], Array]:
     """Rows before the jumps of a modulus, and the values that run on over them; no rows where other steps are as wide."""
     known = np.flatnonzero(np.isfinite(values))
     steps = np.diff(values[known])
     wide = np.abs(steps) > 0.5 * modulus
     rest = steps - modulus * np.round(steps / modulus)
-    if not wide.any() or np.abs(rest).max(initial=0.0) > _CLOSE * modulus:
+    if not wide.any() or np.abs(rest).max(initial=0.0) > CLOSE * modulus:
         return known[:0], values
     turns = np.cumsum(np.r_[0.0, -np.round(steps / modulus)])
     place, count = np.unique(turns, return_counts=True)
@@ -91,7 +127,7 @@ def error_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if not len(others):
             continue
         least, greatest = float(others.min()), float(others.max())
-        away = np.maximum(values - greatest, least - values) > _ISOLATED * max(greatest - least, 1e-12)
+        away = np.maximum(values - greatest, least - values) > ISOLATED * max(greatest - least, 1e-12)
         if column.endswith("_degC"):
             away |= (values < ABSOLUTE_ZERO_DEGC) | (values > HOTTEST_DEGC)
         marked &= away

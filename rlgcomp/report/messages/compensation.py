@@ -44,11 +44,23 @@ def _group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
     return f"{group} omitted: {lacking}; name the column with --map, or leave that run out to use {group}."
 
 
-def _streamed(*, out: str, rows: int, found_there: int, left_out: Mapping[str, int], unfinished: bool, signal: int | None) -> str:
+def _streamed(
+    *,
+    out: str,
+    rows: int,
+    found_there: int,
+    left_out: Mapping[str, int],
+    unfinished: bool,
+    signal: int | None,
+    changed: Mapping[str, int],
+) -> str:
     parts = [f"{out}: {rows} rows written"]
     if found_there:
         parts.append(f"{found_there} were there already")
     parts += [f"{count} {reason} left out" for reason, count in sorted(left_out.items())]
+    parts += [
+        f"{count} {reason} {'undone' if 'overflow' in reason else 'taken as missing'}" for reason, count in sorted(changed.items())
+    ]
     if unfinished:
         parts.append("the last line has no end and was left out")
     if signal is not None:

@@ -255,7 +255,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     ),
     "recording.error_values": "{values} values are {written}, which loggers write for no reading: they count as missing",
     "recording.counter_overflow": (
-        "jumps {jumps} times by {modulus:.0f}, as a counter of few bits read without its sign: undone, the values now run on"
+        "jumps {jumps} times by {modulus:.6g}, as a counter of few bits read without its sign: undone, the values now run on"
     ),
     "recording.impossible_temperatures": (
         "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: they count as missing"

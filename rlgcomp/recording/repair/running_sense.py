@@ -1,0 +1,94 @@
+"""Sense of the numbers of a stream: what :mod:`rlgcomp.recording.repair.sense` does, as far as earlier values show it.
+
+Temperatures that no gyro has, and error values of loggers far from all values before, are missing. A counter that jumps by its
+modulus as nothing before it runs on. What later values alone show, such as a counter that is wrong from the first row on, or values
+that are each written several times, a stream cannot undo.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
+from rlgcomp.recording.repair.sense import ABSOLUTE_ZERO_DEGC, CLOSE, ERROR_VALUES, HOTTEST_DEGC, ISOLATED, moduli_of
+
+FEWEST: Final = 20  # values of a column that show its range
+IMPOSSIBLE, ERRORS, OVERFLOWS = "impossible temperatures", "error values of loggers", "overflows of counters"
+
+
+@dataclasses.dataclass
+class _Column:
+    """Values of one column so far."""
+
+    known: int = 0
+    least: float = np.inf
+    greatest: float = -np.inf
+    last: float = np.nan
+    largest_step: float = 0.0
+    turned: float = 0.0
+
+    def is_error(self, value: float) -> bool:
+        """Whether a number that loggers write for no reading lies far from all values before."""
+        if value not in ERROR_VALUES or self.known < FEWEST:
+            return False
+        away = max(value - self.greatest, self.least - value)
+        return away > ISOLATED * max(self.greatest - self.least, 1e-12)
+
+    def overflow(self, value: float, modulus: float) -> float:
+        """Moduli by which a counter jumped with this value; zero where it did not."""
+        turns = float(np.rint((value - self.last) / modulus))
+        rest = abs(value - self.last - modulus * turns)
+        alone = self.largest_step <= CLOSE * modulus >= rest
+        return turns if self.known >= FEWEST and abs(turns) == 1.0 and alone else 0.0
+
+    def take(self, value: float) -> None:
+        """Remember a value."""
+        if self.known:
+            self.largest_step = max(self.largest_step, abs(value - self.last))
+        self.known += 1
+        self.least, self.greatest, self.last = min(self.least, value), max(self.greatest, value), value
+
+
+class RunningSense:
+    """Sense of consecutive batches of one stream; `changed` counts the values, by what they were taken for."""
+
+    def __init__(self) -> None:
+        self.changed: Counter[str] = Counter()
+        self._columns: dict[str, _Column] = {}
+
+    def checked(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The next rows, with values that make no sense missing and counters running on."""
+        result = {}
+        for name in map(str, table.columns):
+            if name in (TIME, *ENCODERS) or is_compensation(name):
+                continue
+            values = table[name].to_numpy(dtype=np.float64)
+            checked = np.array([self._value(name, value) for value in values.tolist()])
+            if not np.array_equal(values, checked, equal_nan=True):
+                result[name] = checked
+        return table.assign(**result) if result else table
+
+    def _value(self, name: str, value: float) -> float:
+        column = self._columns.setdefault(name, _Column())
+        if np.isnan(value):
+            return value
+        if not (is_gyro(name) and name.endswith("_pulses")) and column.is_error(value):
+            self.changed[ERRORS] += 1
+            return np.nan
+        value -= column.turned
+        for modulus in moduli_of(name):
+            if turns := column.overflow(value, modulus):
+                self.changed[OVERFLOWS] += 1
+                column.turned += modulus * turns
+                value -= modulus * turns
+                break
+        if name.endswith("_degC") and not ABSOLUTE_ZERO_DEGC <= value <= HOTTEST_DEGC:
+            self.changed[IMPOSSIBLE] += 1
+            return np.nan
+        column.take(value)
+        return value
