@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import html
 import json
 from pathlib import Path
@@ -17,6 +18,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.text import place_text
 from rlgcomp.errors import InputError
 from rlgcomp.physics.user import user_catalogue
 from rlgcomp.recording import Recording
@@ -289,3 +291,18 @@ def test_it_is_plotted_as_its_page_shows_it(found: Diagnosis) -> None:
     with pytest.raises(InputError, match="run is 'run9'"):
         found.plot(run="run9")
     pyplot.close("all")
+
+
+def test_it_states_when_and_how_it_was_made(found: Diagnosis) -> None:
+    content = found.to_mapping()
+    assert content == found.to_mapping()
+    assert content["provenance"]["seed"] == 0
+    assert {"version", "date", "command", "inputs"} <= set(content["provenance"])
+
+
+def test_places_are_told_in_the_unit_of_the_run(found: Diagnosis) -> None:
+    """Fault 18: runs of seconds told in hours."""
+    (place, *_) = found.where
+    assert place_text(place).startswith("run0 gyro_deg_h, ")
+    assert place_text(dataclasses.replace(place, start_s=0.0, end_s=9000.0, regime=None)) == "run0 gyro_deg_h, 0 to 2.5 h"
+    assert place_text(dataclasses.replace(place, start_s=1.5, end_s=9.0, regime=None)) == "run0 gyro_deg_h, 1.5 to 9 s"

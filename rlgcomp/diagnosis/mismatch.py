@@ -211,5 +211,5 @@ def _shortest(square: Array) -> tuple[int, int]:
 
 
 def _span(run: Run, first: int, last: int) -> tuple[float, float]:
-    start = float(run.binned.time_s[0])
+    start = float(run.recording.time_s[0])
     return start + run.windows[first] * run.grid.window_s, start + (run.windows[last] + 1.0) * run.grid.window_s

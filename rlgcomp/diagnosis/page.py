@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.files import write_text
 from rlgcomp.report.messages.diagnosis import MEMORIES
-from rlgcomp.report.messages.wording import estimate_text, listing, probability_text, rms_text, time_text
+from rlgcomp.report.messages.wording import estimate_text, listing, p_text, probability_text, rms_text, time_text
 from rlgcomp.units import typeset
 
 _ROWS: Final = 13  # of a function's table on the page
@@ -56,10 +56,10 @@ def render(record: Record) -> str:
         proven=record.test is not None,
         averaging=time_text(proof.averaging_s),
         remarks=[one.text for one in remarks(record)],
-        members=_frame(text.MEMBER_COLUMNS, text.member_rows(record)),
+        members=_frame(text.MEMBER_COLUMNS, text.member_rows(record)).drop(columns="parameters", errors="ignore"),
         findings=[_finding(one, pictures.function(one)) for one in record.members],
         null=probability_text(record.healthy),
-        p_value=f"{record.p_value:.2g}",
+        p_value=p_text(record.p_value),
         places=_frame(("place", "share"), text.place_rows(record)),
         sets=pictures.sets(record),
         alike=[
@@ -93,6 +93,7 @@ def _about(record: Record) -> list[tuple[str, str]]:
         ("Simulator", ", ".join(Path(name).name for name in files)),
         ("Output", f"{record.request.channel}, in {record.unit}"),
         *((label, ", ".join(record.names(runs))) for label, _, runs in groups),
+        ("Made", str(record.made["date"])),
     ]
     return [(label, value) for label, value in told if value]
 

@@ -20,6 +20,7 @@ from rlgcomp.diagnosis.simulator_file import SimulatorFile, noise_of, simulator_
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording.provenance import provenance
 from rlgcomp.report.messages import Message
 from rlgcomp.simulation.simulator import Simulator
 
@@ -145,6 +146,8 @@ class Record:
         What the next experiment promises, or that none parts the likely sets.
     black_box : BlackBox, optional
         The compensation at its best on the same split.
+    made : mapping
+        Version, date and command.
     recordings : mapping of str to mapping of str to str
         SHA-256 of files by name under "train", "confirm", "test" and "simulator".
     """
@@ -163,6 +166,7 @@ class Record:
     next_experiment: NextExperiment | None = None
     next_message: Message | None = None
     black_box: BlackBox | None = None
+    made: Mapping[str, Any] = dataclasses.field(default_factory=provenance)
     recordings: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
 
     # --- the verdict -----------------------------------------------------------------------------------------------------------

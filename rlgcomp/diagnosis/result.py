@@ -9,21 +9,18 @@ import dataclasses
 import functools
 import json
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
 import pandas as pd
 
-import rlgcomp
 from rlgcomp.diagnosis.fit import Estimate
 from rlgcomp.diagnosis.page import write_page
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.text import as_text
 from rlgcomp.files import sha256, to_json, write_json
-from rlgcomp.recording.provenance import made_at
 from rlgcomp.report.messages import Message
 from rlgcomp.report.notebook import ShownAsTable
 
@@ -121,13 +118,11 @@ class Diagnosis(Record, ShownAsTable):
             "noise": self.noise.strengths(),
             "alignment": [one.to_mapping() for one in self.alignment],
             "citations": list(self.citations),
-            "provenance": {
-                "version": rlgcomp.__version__,
-                "date": made_at(),
-                "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]) if self.recordings else None,
-                "seed": self.request.seed,
-            },
+            "provenance": {**self.made, "seed": self.request.seed, "inputs": self._digests()},
         }
+
+    def _digests(self) -> dict[str, str]:
+        return {file: digest for files in self.recordings.values() for file, digest in files.items()}
 
     def _of_wander(self) -> float | None:
         return min(self.posterior.of_latent("wander"), 1.0) if self.decision.wander else None

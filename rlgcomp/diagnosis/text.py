@@ -17,6 +17,7 @@ from rlgcomp.report.messages.wording import (
     percent_text,
     probability_text,
     rms_text,
+    span_text,
     time_text,
 )
 
@@ -100,7 +101,7 @@ def place_text(place: Place) -> str:
     """A place of the mismatch."""
     parts = [f"{place.run} {place.channel}"]
     if place.start_s is not None and place.end_s is not None:
-        parts.append(f"{time_text(place.start_s)} to {time_text(place.end_s)}")
+        parts.append(span_text(place.start_s, place.end_s))
     if place.regime:
         parts.append(place.regime)
     if place.frequency_hz is not None:

@@ -49,6 +49,17 @@ def p_text(p_value: float) -> str:
     return f"p = {mantissa}·10{str(int(power)).translate(_RAISED)}"
 
 
+def span_text(start_s: float, end_s: float) -> str:
+    """An interval of time in one unit, that of its end.
+
+    >>> span_text(0.0, 45000.0), span_text(600.0, 1200.0), span_text(0.0, 12.34), span_text(600.0, 36000.0)
+    ('0 to 12.5 h', '10 to 20 min', '0 to 12.3 s', '0.167 to 10 h')
+    """
+    end = time_text(end_s)
+    seconds = {"s": 1.0, "min": 60.0, "h": SECONDS_PER_HOUR}.get(end.rpartition(" ")[2])
+    return f"{time_text(start_s)} to {end}" if seconds is None else f"{start_s / seconds:.3g} to {end}"
+
+
 def percent_text(share: float, digits: int = 0) -> str:
     """A share in percent, zero without a sign.
 
