@@ -176,8 +176,32 @@ class Search:
                 for child in others[:3]:
                     if child.key not in self.visited and child.log_posterior > best.log_posterior - _WITHIN:
                         self.refined(child)
+                self._parted(self.regions[best.members[k].form.region], fewer, others)
             if max(self.visited.values(), key=lambda state: state.log_posterior) is best:
                 return
+
+    def _parted(self, law: Region, fewer: State, others: Sequence[State]) -> None:
+        """A law of two columns in a set exchanged for a mechanism of each: no step over one of them alone leads there.
+
+        Parameters
+        ----------
+        law : Region
+        fewer : State
+            The set without it.
+        others : sequence of State
+            That with each other region, the likeliest first.
+        """
+        if not self._is_law(law.key) or len(set(law.drivers)) != 2:
+            return
+        members = fewer.members
+        for column in law.drivers:
+            alone = (child for child in others if self.regions[child.members[-1].form.region].drivers == (column,))
+            named = next((child for child in alone if not self._is_law(child.members[-1].form.region)), None)
+            if named is None:
+                return
+            members = (*members, named.members[-1])
+        if frozenset(member.form.region for member in members) not in {key for key, _ in self.visited}:
+            self.refined(self.converged(members, fewer.noise))
 
     # --- a two-state process beside a set ----------------------------------------------------------------------------------------
 
