@@ -57,8 +57,8 @@ def train(
     features: Annotated[
         str,
         typer.Option(
-            help="all, or some of temperature, gradient, temperature_rate, lag, memory, light_intensity, readout_difference, "
-            "and names of further columns."
+            help="all, and each further monitor that gains over runs left out; or some of temperature, gradient, temperature_rate, "
+            "lag, memory, light_intensity, readout_difference, and names of further columns."
         ),
     ] = "all",
     averaging_s: Annotated[float, typer.Option(help="The model is trained on means over this time.")] = 100.0,
@@ -149,6 +149,7 @@ def train(
         "left_out_rms_deg_h": None if rmse is None else rmse * compensator.scaling_.y_scale_deg_h,
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
         "half_width_deg_h": compensator.interval_.inside_deg_h,
+        "unused": compensator.unused_,
         "remarks": [remark.to_mapping() for remark in (*differences, *compensator.remarks_)],
     } | ({} if exported is None else {"export": exported.to_mapping()})
     if as_json:
@@ -165,6 +166,7 @@ def train(
                 {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
                 {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
                 {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"] if known else "not known from these runs"},
+                *([{"": "not used, without gain", " ": ", ".join(compensator.unused_)}] if compensator.unused_ else []),
                 {"": "selected", " ": selected or "no parameter: one candidate"},
             ],
         )

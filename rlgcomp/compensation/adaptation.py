@@ -159,6 +159,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         low=np.minimum(compensator.scaling_.low, samples.min(axis=0)),
         high=np.maximum(compensator.scaling_.high, samples.max(axis=0)),
     )
+    new.unused_ = {}
     new.gyro_, new.schema_ = compensator.gyro_, compensator.schema_
     new.model_ = basis.model(population.adapted(design, target))
     scale_deg_h = compensator.scaling_.y_scale_deg_h

@@ -16,7 +16,15 @@ from sklearn.base import BaseEstimator, clone
 from rlgcomp.compensation import serialisation
 from rlgcomp.compensation.artefact import SCHEMA
 from rlgcomp.compensation.correction import Correction, corrected_table, require_distinct, require_raw
-from rlgcomp.compensation.feature_pipeline import omitted_groups, pipeline_for
+from rlgcomp.compensation.feature_pipeline import (
+    FeatureRecipe,
+    feature_names,
+    further_monitors,
+    omitted_groups,
+    pipeline_for,
+)
+from rlgcomp.compensation.features import Level
+from rlgcomp.compensation.input_selection import remarks_on, select_inputs
 from rlgcomp.compensation.interval import Interval, NoOverlapError, excess, noise_of_windows_deg_h
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
@@ -74,6 +82,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         How far the truth may be from the estimate, calibrated on runs left out.
     training_ : tuple of WindowMeans
         The training runs.
+    unused_ : dict of str to float
+        Monitors that "all" did not use, and the relative change in mean square error over runs left out that each would bring.
     provenance_ : list of dict
         Metadata of the training runs.
     remarks_ : tuple of Message
@@ -162,9 +172,12 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             require_raw(run.name, run.columns)
         require_distinct(runs)
         raw, (runs, outliers) = runs, without_outliers(runs, self.gyro) if screen else (runs, [])
-        self.pipeline_ = pipeline_for(runs, self.features)
+        candidates = pipeline_for(runs, self.features)
+        further = further_monitors(runs, self.features, candidates)
+        self.pipeline_ = FeatureRecipe((*candidates.features, *map(Level, further)))
         samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
+        samples, not_told_apart = self._select_inputs(samples, further)
         self.gyro_ = runs[0].gyro_column(self.gyro)
         self.specification_ = specification_of(model)
         self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.specification_ is None else self.specification_.reach)
@@ -193,6 +206,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.remarks_ = (
             *outliers,
             *omitted_groups(runs, self.features),
+            *not_told_apart,
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
             *self._interval_remarks(),
             *self._below_noise(raw),
@@ -203,6 +217,20 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.schema_ = SCHEMA
         self.restart()
         return self
+
+    def _select_inputs(self, samples: list[Array], further: list[str]) -> tuple[list[Array], list[Message]]:
+        """Keep the inputs that training can give a weight: the samples of each run, and remarks on the others."""
+        self.unused_: dict[str, float] = {}
+        if "all" not in feature_names(self.features):
+            return samples, []
+        pipeline = self.pipeline_
+        selection = select_inputs(pipeline, self.training_, further)
+        owner = np.repeat(np.arange(len(pipeline.features)), [len(feature.names) for feature in pipeline.features])
+        used = np.isin(owner, selection.used)
+        self.pipeline_ = FeatureRecipe(tuple(pipeline.features[k] for k in selection.used))
+        self.training_ = tuple(dataclasses.replace(part, X=np.ascontiguousarray(part.X[:, used])) for part in self.training_)
+        self.unused_ = {column: gain for column, gain in selection.gains.items() if column not in self.pipeline_.columns}
+        return [values[:, used] for values in samples], remarks_on(pipeline, selection)
 
     def training_rows(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         """Scaled inputs, scaled output and fold label of every training row."""

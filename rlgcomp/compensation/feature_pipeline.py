@@ -13,7 +13,7 @@ import pandas as pd
 
 from rlgcomp.compensation.features import FEATURES, Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference, State
 from rlgcomp.errors import InputError
-from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -221,14 +221,15 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
         The training runs. Only monitors that all of them have are used. Radii of the memory are 5, 10 and 20 % of their span of
         temperature; time constants of the lag are 300, 900 and 2700 s, less those that a third of the shortest run cannot show.
     wanted : str or sequence of str
-        "all": every group in `GROUPS` whose monitors were recorded. Otherwise groups, or names of further columns.
+        "all": every group in `GROUPS` whose monitors were recorded. Otherwise groups, or names of further columns. See also
+        :func:`further_monitors`.
 
     Raises
     ------
     InputError
         A name is neither a group nor a column, or its monitors were not recorded.
     """
-    names = _names(wanted)
+    names = feature_names(wanted)
     common = set.intersection(*(set(run.columns) for run in runs))
     features: list[Feature] = []
     for name in names:
@@ -252,10 +253,30 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
     return FeatureRecipe(tuple(dict.fromkeys(features)))
 
 
+def further_monitors(runs: Sequence[Recording], wanted: str | Sequence[str], pipeline: FeatureRecipe) -> list[str]:
+    """Monitors that "all" has no group for: recorded in every run, neither a gyro nor an encoder, finite, and not constant.
+
+    Parameters
+    ----------
+    runs : sequence of Recording
+    wanted : str or sequence of str
+        As for :func:`pipeline_for`; none unless it names "all".
+    pipeline : FeatureRecipe
+        With the groups.
+    """
+    if "all" not in feature_names(wanted):
+        return []
+    known = {TIME, *ENCODERS, "table_rate_deg_s", "readout_a_V", "readout_b_V", *pipeline.columns}
+    common = [column for column in runs[0].columns if all(column in run for run in runs) and column not in known]
+    monitors = [column for column in common if not (is_gyro(column) or is_compensation(column) or column.startswith("accel_"))]
+    values = {column: np.concatenate([run.column(column) for run in runs]) for column in monitors}
+    return [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
+
+
 def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:
     """Remarks on groups that "all" omits because some of the runs, not all of them, lack a monitor."""
     remarks = []
-    for group in GROUPS if "all" in _names(wanted) else ():
+    for group in GROUPS if "all" in feature_names(wanted) else ():
         for feature in _group(group, runs):
             lacking = {run.name: [column for column in feature.columns if column not in run] for run in runs}
             missing = {run: columns for run, columns in lacking.items() if columns}
@@ -264,7 +285,8 @@ def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all
     return remarks
 
 
-def _names(wanted: str | Sequence[str]) -> list[str]:
+def feature_names(wanted: str | Sequence[str]) -> list[str]:
+    """Groups and columns that are asked for, one by one."""
     if isinstance(wanted, str):
         return [name.strip() for name in wanted.split(",")]
     if not (isinstance(wanted, Iterable) and all(isinstance(name, str) for name in wanted)):

@@ -48,6 +48,7 @@ class Fitted(Protocol):
     training_: tuple[WindowMeans, ...]
     provenance_: list[dict[str, Any]]
     remarks_: tuple[Message, ...]
+    unused_: dict[str, float]
     schema_: str
 
     def run_labels(self) -> npt.NDArray[np.int64]: ...
@@ -177,7 +178,7 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
     rmse = None if selection["rmse"] is None else finite(selection["rmse"], "rmse")
     compensator.selection_ = Selection(dict(selection["best"]), rmse, saved.selection)
     compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
-    compensator.schema_ = manifest["schema"]
+    compensator.schema_, compensator.unused_ = manifest["schema"], {}
     compensator.remarks_ = tuple(Message.from_mapping(remark) for remark in manifest.get("remarks", []))
     if manifest["schema"] == artefact.SCHEMA:
         compensator.interval_ = Interval.from_mapping(manifest["interval"])

@@ -78,6 +78,9 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "alone leaves in the means: the runs know each other, as copies do, so this error proves nothing."
     ),
     "compensation.group_omitted": _group_omitted,
+    "compensation.not_told_apart": (
+        "{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."
+    ),
     "compensation.no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "
         "on {parts} that it has not seen this model is worse than none. Test it on other {parts} with rlgcomp evaluate before it "

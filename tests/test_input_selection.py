@@ -1,0 +1,102 @@
+"""Selection of inputs: one-way runs give no weight to what they cannot tell apart; further monitors are used where they gain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.window_means import window_means
+
+STEP_S = 10.0
+LAW = (1000.0, 300.0, -80.0, 60.0)
+
+
+def run(temperature: np.ndarray, seed: int, *, noise_deg_h: float = 2.3, **columns: np.ndarray) -> rlg.Recording:
+    """A gyro whose bias is a cubic in temperature, its means over 100 s of this noise."""
+    rng = np.random.default_rng(seed)
+    u = (temperature - 20.0) / 40.0
+    bias = sum(coefficient * u**power for power, coefficient in enumerate(LAW))
+    table = {
+        "time_s": np.arange(len(u)) * STEP_S,
+        "gyro_deg_h": bias + noise_deg_h * np.sqrt(100.0 / STEP_S) * rng.standard_normal(len(u)),
+        "temperature_block_degC": temperature + 0.01 * rng.standard_normal(len(u)),
+    }
+    return rlg.Recording(pd.DataFrame(table | columns), name=f"run {seed}")
+
+
+def warm_up(start: float, rise: float, hours: float = 2.5) -> np.ndarray:
+    return start + rise * (1.0 - np.exp(-np.arange(0.0, hours * 3600.0, STEP_S) / 2400.0))
+
+
+def cycle(low: float, high: float, hours: float, *, phase: float = 0.0) -> np.ndarray:
+    place = (np.arange(0.0, hours * 3600.0, STEP_S) / 5400.0 + phase) % 1.0
+    return low + (high - low) * (1.0 - np.abs(2.0 * place - 1.0))
+
+
+def residual_rms(model: rlg.Compensator, recording: rlg.Recording) -> float:
+    windows = window_means(recording, model.pipeline_, model.averaging_s)
+    return float(np.sqrt(np.mean((windows.y_deg_h - model.predict_rows(windows.X)) ** 2)))
+
+
+@pytest.mark.parametrize("second", [(20.0, 30.0), (23.0, 28.0)], ids=["alike", "from another temperature"])
+def test_two_warm_ups_leave_no_more_than_the_cubic_in_temperature(second: tuple[float, float]) -> None:
+    """On a run that cools, and on one that goes up and down, where the inputs that warm-ups cannot tell apart go apart."""
+    training = [run(warm_up(20.0, 30.0), 1), run(warm_up(*second), 2)]
+    model, cubic = rlg.Compensator().fit(training), rlg.Compensator(MODELS["cubic"].make(), features="temperature").fit(training)
+    assert model.pipeline_.names == ("temperature_block_degC",)
+    for temperature in (warm_up(52.0, -30.0), cycle(20.0, 50.0, 4.0)):
+        held_out = run(temperature, 3)
+        assert residual_rms(model, held_out) < 1.5 * residual_rms(cubic, held_out)
+
+
+def test_each_input_left_out_has_a_remark_with_the_run_that_would_tell() -> None:
+    model = rlg.Compensator().fit([run(warm_up(20.0, 30.0), 1), run(warm_up(20.0, 30.0), 2)])
+    remarks = [remark for remark in model.remarks_ if remark.code == "compensation.not_told_apart"]
+    assert [remark.data["group"] for remark in remarks] == ["temperature_rate", "lag", "memory"]
+    assert all(remark.data["company"] == "temperature" for remark in remarks)
+    assert "turns" in remarks[-1].data["telling_run"]
+
+
+def test_runs_up_and_down_keep_all_groups(short_runs: list[rlg.Recording]) -> None:
+    model = rlg.Compensator(rlg.CubicLeastSquares()).fit([run(cycle(20.0, 50.0, 4.0, phase=k / 3.0), k) for k in range(2)])
+    assert [feature.group for feature in model.pipeline_.features] == ["temperature", "temperature_rate", "lag", "memory"]
+    simulated = rlg.Compensator(rlg.CubicLeastSquares()).fit(short_runs[:2])
+    assert len(simulated.pipeline_.features) == 7
+    assert set(simulated.unused_) >= {"magnetic_field_uT", "pressure_hPa"}
+
+
+def test_a_further_monitor_is_used_where_it_gains_and_named_where_not() -> None:
+    training = []
+    for k in range(3):
+        rng, temperature = np.random.default_rng(100 + k), cycle(20.0, 50.0, 4.0, phase=k / 3.0)
+        hours = np.arange(len(temperature)) * STEP_S / 3600.0
+        supply, pressure = (np.sin(2.0 * np.pi * (hours / period + rng.uniform())) for period in (1.1, 0.7))
+        recording = run(temperature, k, supply_voltage_V=15.0 + supply, pressure_hPa=1000.0 + pressure)
+        training.append(recording.replace(table=recording.table.assign(gyro_deg_h=recording.rate_deg_h() + 20.0 * supply)))
+    model = rlg.Compensator(rlg.CubicLeastSquares()).fit(training)
+    assert "supply_voltage_V" in model.pipeline_.names
+    assert list(model.unused_) == ["pressure_hPa"]
+    assert model.unused_["pressure_hPa"] < 0.2
+
+
+def test_two_monitors_that_gain_only_together_are_both_used() -> None:
+    """Two wandering monitors whose small difference drives the gyro."""
+    training = []
+    for k in range(3):
+        rng, temperature = np.random.default_rng(200 + k), cycle(20.0, 50.0, 4.0, phase=k / 3.0)
+        hours = np.arange(len(temperature)) * STEP_S / 3600.0
+        wander, apart = (5.0 * np.sin(2.0 * np.pi * (hours / period + rng.uniform())) for period in (1.1, 0.7))
+        a, b = 10.0 * wander + apart, 10.0 * wander - apart
+        recording = run(temperature, k, mirror_a_V=a, mirror_b_V=b)
+        training.append(recording.replace(table=recording.table.assign(gyro_deg_h=recording.rate_deg_h() + 0.5 * (a - b))))
+    model = rlg.Compensator(rlg.CubicLeastSquares()).fit(training)
+    assert {"mirror_a_V", "mirror_b_V"} <= set(model.pipeline_.names)
+
+
+def test_features_that_are_named_are_all_used() -> None:
+    model = rlg.Compensator(features="temperature,lag").fit([run(warm_up(20.0, 30.0), 1), run(warm_up(20.0, 30.0), 2)])
+    assert [feature.group for feature in model.pipeline_.features] == ["temperature", "lag"]
+    assert not [remark for remark in model.remarks_ if remark.code == "compensation.not_told_apart"]
