@@ -14,7 +14,7 @@ from rlgcomp.diagnosis.equations import latex, sympy
 from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.fit import Estimate
 
-IN_WORDS = {"thermal_polynomial", "thermal_hysteresis", "mode_hop", "random_telegraph", "tabulated_law", "empirical_law"}
+IN_WORDS = {"thermal_polynomial", "thermal_hysteresis", "mode_hop", "random_telegraph", "tabulated_law"}
 
 
 def cause(name: str, **parameters: float) -> Cause:

@@ -12,6 +12,7 @@ from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, Simulat
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_held_out
+from rlgcomp.recording.encoder_quantisation import without_quantisation
 from rlgcomp.recording.outliers import without_outliers
 from rlgcomp.recording.stuck_channels import interpolated_holds, stuck_messages
 from rlgcomp.report.messages import Message
@@ -79,6 +80,8 @@ class Prepared:
         messages += [one for run in runs for one in stuck_messages(run)]
         messages += [told for _, told in straight if told is not None]
         runs = [run for run, _ in straight]
+        if isinstance(simulator, Simulator) and simulator.kind == "turntable":
+            runs = without_quantisation(runs)
         base, runs, predicted = _with_simulation(simulator, simulated, runs, gyro)
         warnings: list[Message] = []
         alignment: tuple[Alignment, ...] = ()
@@ -113,7 +116,7 @@ def _with_simulation(
                 "of their kind, or correct 'kind' in the recordings' metadata"
             )
         informed = tuple(mechanism.conditioned_on(runs) for mechanism in simulator.mechanisms)
-        return dataclasses.replace(simulator, mechanisms=informed), list(runs), None
+        return dataclasses.replace(simulator, mechanisms=informed).with_own_amplitudes_free(), list(runs), None
     base = Simulator(kind=_kind(runs), unit=runs[0].metadata.unit or "recorded")
     if simulated is not None:
         aligned = SimulatedRuns.of(runs, simulated, gyro=gyro)

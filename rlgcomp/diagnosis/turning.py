@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth, gaussian_process
 from rlgcomp.diagnosis.data import Data, Run, Within
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
+from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 from rlgcomp.recording import Recording
@@ -167,7 +168,7 @@ def turning_regions(
     binned = [run.binned for run in data.runs]
     columns = [column for column in data.columns if column not in (RATE, *ANGLES)]
     for name, mechanism in catalogue.items():
-        if name in present or not mechanism.is_candidate("turntable"):
+        if name in present or not mechanism.is_candidate("turntable") or not _readable(mechanism(), binned):
             continue
         families = _families(name, mechanism, data, rate, temperature if temperature in columns else None, binned)
         forms = forms_of(name, families)
@@ -183,6 +184,16 @@ def turning_regions(
             key, leads = f"scale:{column}", [(TimesRate(Power(path), rate),)]
             family = Family(f"b = k {column} * W", leads, (TimesRate(smooth, rate),))
             yield Region(key, None, _LAW, forms_of(key, [family]), (column, RATE))
+
+
+def _readable(mechanism: Mechanism, runs: Sequence[Recording]) -> bool:
+    """Whether runs tell what a mechanism reads: of a rate alone no angle follows where a table turns far between rows."""
+    try:
+        for run in runs:
+            mechanism.read(run)
+    except InputError:
+        return False
+    return True
 
 
 def _families(

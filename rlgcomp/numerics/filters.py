@@ -101,27 +101,6 @@ def _decay(keep: Array, output: Array) -> Array:
     return output
 
 
-def running_mean(values: Array, time_s: Array, window_s: float) -> Array:
-    """Mean over the samples of a centred window of that width; at the ends, over those that are there.
-
-    It looks ahead, so it serves physics and diagnosis, not features.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    time_s : ndarray, shape (n,)
-    window_s : float
-        Width of the window.
-    """
-    half = round(0.5 * window_s / float(np.median(np.diff(time_s))))
-    if half < 1:
-        return values
-    ahead = np.minimum(np.arange(len(values)) + half + 1, len(values))
-    behind = np.maximum(np.arange(len(values)) - half, 0)
-    total = np.r_[0.0, np.cumsum(values - values[0])]
-    return np.asarray(values[0] + (total[ahead] - total[behind]) / (ahead - behind))
-
-
 def rate_per_min(values: Array, time_s: Array, window_s: float | None = None) -> Array:
     """Derivative per minute: slope of the straight line fitted to the samples within a centred window.
 

@@ -13,7 +13,6 @@ from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
 from rlgcomp.physics.discharge_imbalance import DischargeImbalance
 from rlgcomp.physics.earth_rate_leak import EarthRateLeak
-from rlgcomp.physics.empirical_law import EmpiricalLaw
 from rlgcomp.physics.encoder_delay import EncoderDelay
 from rlgcomp.physics.light_intensity import LightIntensity
 from rlgcomp.physics.lock_in import LockIn
@@ -60,7 +59,6 @@ CATALOGUE: Final[MappingProxyType[str, type[Mechanism]]] = MappingProxyType(
             AmbientPressure,
             PeriodicInterference,
             RandomTelegraph,
-            EmpiricalLaw,
             TabulatedLaw,
             ScaleFactor,
             ScaleFactorTemperature,
