@@ -51,12 +51,19 @@ def test_healthy_runs_are_not_told_apart(seed: int) -> None:
     assert not compare(runs)
 
 
+def _interpolated(table: pd.DataFrame, step_s: float) -> pd.DataFrame:
+    time_s = np.arange(0.0, float(table["time_s"].iloc[-1]), step_s)
+    return pd.DataFrame({name: np.interp(time_s, table["time_s"], table[name]) for name in table.columns}).assign(time_s=time_s)
+
+
 COPIES: dict[str, Change] = {
     "another clock": lambda table: table.assign(time_s=table["time_s"] + 12345.678),
     "an offset": lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"] + 3.0),
     "another unit": lambda table: table.assign(gyro_deg_h=-2.0 * table["gyro_deg_h"]),
     "cut out": lambda table: table.iloc[300:1300],
     "thinned out": lambda table: table.iloc[2::5],
+    "lost rows": lambda table: table.drop(index=range(50, 2000, 97)),
+    "interpolated": lambda table: _interpolated(table, 6.0),
     "averaged": lambda table: table.iloc[: len(table) // 4 * 4].groupby(np.arange(len(table) // 4 * 4) // 4).mean(),
 }
 
@@ -229,7 +236,8 @@ def test_commands_say_what_differs_before_they_go_on(healthy: list[rlg.Recording
         assert "light_intensity_V: its noise from sample to sample" in result.output
 
 
-def test_a_table_that_turns_is_no_chamber() -> None:
+@pytest.mark.parametrize("encoder", [False, True])
+def test_a_table_that_turns_is_no_chamber(encoder: bool) -> None:
     rng = np.random.default_rng(0)
     time_s = np.arange(4000.0)
     rate = np.repeat(rng.choice([-10.0, -5.0, 0.0, 5.0, 10.0], 40), 100) * 3600.0
@@ -242,5 +250,8 @@ def test_a_table_that_turns_is_no_chamber() -> None:
         )
         for k in range(2)
     ]
+    if encoder:
+        angle = {"table_angle_deg": np.cumsum(rate) / 3600.0, "table_rate_deg_s": rate / 3600.0}
+        runs = [rlg.Recording(run.table.assign(**angle), rlg.Metadata("turntable"), name=run.name) for run in runs]
     compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(runs)
     assert "compensation.turning" in {one.code for one in compensator.remarks_}

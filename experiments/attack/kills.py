@@ -57,7 +57,7 @@ COMMANDS: Final = (
     Attacked("conceal", ("conceal", "gyro.yaml", "--hide", "thermal_lag", "--seed", "{k}", "--step-s", "20", "--out", "o{k}"), ("o1",)),
     Attacked("simulate", ("simulate", "gyro.yaml", "--profile", PROGRAMME, "--seed", "{k}", "--out", "o.csv"), ("o.csv", "o.yaml")),
     Attacked("calibrate", ("calibrate", "step0.parquet", "step1.parquet", "step2.parquet", "--angle-random-walk", "0.00{k}5", "--report", "o", "--out", "o.json"), ("o.json", "o")),
-    Attacked("merge", ("merge", "good{k}.parquet", "good2.csv", "--offset-s", "0", "--out", "o.h5"), ("o.h5",)),
+    Attacked("merge", ("merge", "good{k}.parquet", "slow.csv", "--offset-s", "0", "--out", "o.h5"), ("o.h5",)),
     Attacked("evaluate", ("evaluate", "cubic", "good{k}.parquet", "--no-comparison", "--out", "o"), ("o",)),
     Attacked("allan", ("allan", "good{k}.parquet", "--out", "o"), ("o",)),
 )  # fmt: skip
@@ -88,6 +88,9 @@ def trials(folder: Path, kills: int, errors: int, seed: int) -> Iterator[Trial]:
     rng = random.Random(seed)  # noqa: S311
     seeds(folder / "seeds")
     (folder / "seeds" / "two.csv").write_text("unit,train\nu1,good0.parquet;good1.parquet\nu2,good1.parquet;good0.parquet\n")
+    lines = (folder / "seeds" / "good2.csv").read_text().splitlines()
+    slow = [",".join(line.split(",")[0:3:2]) for line in lines[::30]]
+    (folder / "seeds" / "slow.csv").write_text("\n".join(slow).replace("temperature_block", "temperature_wall") + "\n")
     text = (folder / "seeds" / "gyro.yaml").read_text()
     for k in (0, 1):
         (folder / "seeds" / f"sim{k}.yaml").write_text(f"{text}unit: U{k}\n")

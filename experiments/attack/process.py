@@ -137,6 +137,7 @@ def _run(arguments: list[str], folder: Path, streams: list[Path], at: int | None
         import tempfile
 
         tempfile.tempdir = None
+        sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))  # noqa: SIM115
         if memory_gb is not None:
             resource.setrlimit(resource.RLIMIT_AS, (int(memory_gb * 1e9), int(memory_gb * 1e9)))
         sys.argv = ["rlgcomp", *arguments]

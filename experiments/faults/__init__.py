@@ -17,6 +17,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -241,8 +242,9 @@ def start(
             os.close(reading)
         for number, handle in enumerate((nothing, output, errors)):
             os.dup2(handle, number)
-        if "PYTHONIOENCODING" in os.environ:
-            sys.stdout.reconfigure(encoding=os.environ["PYTHONIOENCODING"])  # type: ignore[union-attr]
+        tempfile.tempdir = None  # of the process that was forked
+        encoding = os.environ.get("PYTHONIOENCODING", "utf-8")
+        sys.stdout, sys.stderr = (open(number, "w", encoding=encoding, closefd=False) for number in (1, 2))  # noqa: SIM115
         if largest_bytes is not None:
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_bytes, largest_bytes))

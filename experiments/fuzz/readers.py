@@ -17,6 +17,7 @@ import yaml
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from experiments.fuzz.containers import MAKERS, MAPPINGS
 from experiments.fuzz.mutations import NUMBERS, bytes_of, data_of, tokens_of
 from rlgcomp.calibration.file import Calibration
 from rlgcomp.challenge.seal import reveal
@@ -101,9 +102,9 @@ def _select(choice: Any, journal: Path) -> None:
     select(specification, model, X, y, groups, journal=journal)
 
 
-def _inspect(path: Path) -> None:
+def _inspect(path: Path, columns: dict[str, str] | None = None) -> None:
     column_names(path)
-    run = read(path)
+    run = read(path, columns=columns)
     outlier_findings(run)
     summarise(run)
 
@@ -165,7 +166,10 @@ def _sidecar(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> No
 
 def _mutated_yaml(value: Any, rng: np.random.Generator) -> bytes:
     if rng.random() < 0.5:
-        text = yaml.safe_dump(data_of(value, rng), allow_unicode=True)
+        try:
+            text = yaml.safe_dump(data_of(value, rng), allow_unicode=True)
+        except RecursionError:  # too deep for the writer; the reader's own limit is far below
+            text = "[" * 500 + "]" * 500
     else:
         text = tokens_of(yaml.safe_dump(value), rng)
         if rng.random() < 0.4:
@@ -196,6 +200,24 @@ def _mutated_json(value: Any, rng: np.random.Generator) -> bytes:
     else:
         content = tokens_of(to_json(value), rng).encode(errors="surrogatepass")
     return bytes_of(content, rng) if rng.random() < 0.3 else content
+
+
+def _container(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, suffix: str) -> None:
+    """A file that the package only reads, mutated in its bytes or made of a mutated table; nothing where its library is absent."""
+    table = made["table"]
+    if rng.random() < 0.6:
+        table = _mutated_table(table, rng)
+    path = folder / f"run{suffix}"
+    try:
+        MAKERS[suffix](path, table)
+    except ImportError:
+        return
+    except Exception:  # noqa: BLE001  what cannot be written is no file to read
+        path.unlink(missing_ok=True)
+        MAKERS[suffix](path, made["table"])
+    if rng.random() < 0.6:
+        path.write_bytes(bytes_of(path.read_bytes(), rng))
+    _inspect(path, MAPPINGS.get(suffix))
 
 
 def _pieces(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
@@ -367,6 +389,7 @@ READERS: Final[dict[str, Reader]] = {
     "parquet": functools.partial(_recording, form=parquet, suffix=".parquet"),
     "hdf5": functools.partial(_recording, form=hdf5, suffix=".h5"),
     "matlab": functools.partial(_recording, form=matlab, suffix=".mat"),
+    **{suffix: functools.partial(_container, suffix=suffix) for suffix in MAKERS},
     "sidecar": _sidecar,
     "pieces": _pieces,
     "simulator": _simulator,

@@ -73,6 +73,10 @@ FAULTS: Final[dict[str, Change]] = {
     "thermometers in degF": _thermometers(1.8, 32.0),
     "thermometers in K": _thermometers(1.0, 273.15),
     "one thermometer in degF": _times(BLOCK, 1.8, 32.0),
+    "one thermometer in K": _times(BLOCK, 1.0, 273.15),
+    "degC and K mixed in one thermometer": lambda table, other: table.assign(
+        **{BLOCK: table[BLOCK].where(np.arange(len(table)) % 2 > 0, table[BLOCK] + 273.15)}
+    ),
     "light in mV": _times(LIGHT, 1000.0),
     "temperature columns swapped": lambda table, other: table.rename(
         columns={BLOCK: "temperature_shell_degC", "temperature_shell_degC": BLOCK}
@@ -101,6 +105,7 @@ FAULTS: Final[dict[str, Change]] = {
         table.iloc[: len(table) // 10 * 10].groupby(np.arange(len(table) // 10 * 10) // 10).mean()
     ),
     "half of another run spliced in": _spliced,
+    "the same run under two names": lambda table, other: other,
     "another run under another clock": lambda table, other: other.assign(time_s=other["time_s"] + 12345.678),
     "another run with an offset": lambda table, other: other.assign(**{GYRO: other[GYRO] + 1.0}),
     "another run, cut out": lambda table, other: other.iloc[400:2000],
@@ -131,7 +136,7 @@ def noticed(name: str, folder: Path, *, diagnosed: bool) -> dict[str, list[str]]
     try:
         faulty = rlg.read(path)
     except InputError:
-        return {command: ["refused"] for command in ("inspect", "train", "evaluate", "diagnose")}
+        return {command: ["refused"] for command in ("inspect", "train", "evaluate", "diagnose")} | {"verdict": ["-"]}
     findings = [finding.message for finding in (*faulty.findings, *outlier_findings(faulty))]
     together = [runs[0], faulty, runs[2]]
     differing = list(compare(together))
@@ -142,9 +147,12 @@ def noticed(name: str, folder: Path, *, diagnosed: bool) -> dict[str, list[str]]
     healthy = rlg.Compensator(rlg.CubicLeastSquares(linear="dynamics")).fit([runs[0], runs[2]])
     codes["evaluate"] = _or_refused(lambda: [*findings, *rlg.evaluate(healthy, [faulty], compare=False).remarks])
     if diagnosed:
-        codes["diagnose"] = _or_refused(
-            lambda: [*findings, *differing, *rlg.diagnose(unit, train=[runs[0], faulty], test=[runs[2]]).remarks]
-        )
+        try:
+            diagnosis = rlg.diagnose(unit, train=[runs[0], faulty], test=[runs[2]])
+        except InputError:
+            return codes | {"diagnose": ["refused"], "verdict": ["-"]}
+        codes["diagnose"] = _codes([*findings, *differing, *diagnosis.remarks])
+        codes["verdict"] = [" ".join([diagnosis.verdict, *(cause.name for cause in diagnosis.causes)])]
     return codes
 
 

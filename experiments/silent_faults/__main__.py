@@ -19,7 +19,8 @@ def main() -> None:
     options = parser.parse_args()
     logging.disable(logging.WARNING)
     commands = COMMANDS if options.diagnose else COMMANDS[:3]
-    print(f"| fault of one run | {' | '.join(commands)} |\n|---|{'---|' * len(commands)}")
+    columns = (*commands, "verdict") if options.diagnose else commands
+    print(f"| fault of one run | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
     healthy: dict[str, list[str]] = {}
     unnoticed = []
     for name in FAULTS:
@@ -28,7 +29,8 @@ def main() -> None:
         if name == "none":
             healthy = codes
         new = {command: [code for code in codes[command] if code not in healthy[command]] for command in commands}
-        print(f"| {name} | {' | '.join(', '.join(new[command]) or '-' for command in commands)} |", flush=True)
+        told = {**new, "verdict": codes.get("verdict", [])}
+        print(f"| {name} | {' | '.join(', '.join(told[column]) or '-' for column in columns)} |", flush=True)
         if not any(new.values()) and name != "none":
             unnoticed.append(name)
     print(f"\nNoticed nowhere: {', '.join(unnoticed) or 'none'}.")

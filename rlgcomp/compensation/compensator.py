@@ -33,7 +33,7 @@ from rlgcomp.compensation.models.specification import cross_validation_residuals
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
-from rlgcomp.recording import DEFAULT_AVERAGING_S, ENCODERS, TIME, Recording
+from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
 from rlgcomp.recording.argument_checks import require_recording, require_recordings, require_workers
 from rlgcomp.recording.comparison import noise_of_means_deg_h
 from rlgcomp.recording.outliers import without_outliers
@@ -44,6 +44,7 @@ from rlgcomp.units import EARTH_RATE_DEG_H
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 BLOCKS_OF_ONE_RUN: Final = 5
+TABLE_RATE: Final = "table_rate_deg_s"
 TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
 BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
 _BATCH_ROWS: Final = 2048
@@ -210,7 +211,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
             *self._interval_remarks(),
             *self._below_noise(raw),
-            *self._turning(raw),
+            *self._turning(),
         )
         for remark in self.remarks_:
             logger.warning("%s", remark)
@@ -459,11 +460,11 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
         )
 
-    def _turning(self, runs: Sequence[Recording]) -> list[Message]:
-        """A message where the gyro turns as no chamber lets it, and no column says how the table turns."""
-        encoded = any(column in run for run in runs for column in (*ENCODERS, "table_rate_deg_s"))
+    def _turning(self) -> list[Message]:
+        """A message where the gyro turns as no chamber lets it, and the model does not know how the table turns."""
         spread = self.scaling_.y_scale_deg_h
-        return [] if encoded or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
+        known = TABLE_RATE in self.pipeline_.columns
+        return [] if known or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
 
     def _interval_remarks(self) -> list[Message]:
         """A message where the interval does not show how runs differ, though there are several, or is not known at all."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import functools
 import os
 import threading
@@ -9,11 +10,12 @@ import time
 from typing import Final
 
 _POLL_S: Final = 0.5
+_LEAVING_S: Final = 1.5
 
 
 @functools.cache
 def end_with(parent: int) -> None:
-    """End this process within a second after its parent, whose number is `parent`, has ended; nothing in the parent itself."""
+    """End this process within two seconds after its parent, whose number is `parent`, has ended; nothing in the parent itself."""
     if os.getpid() != parent:
         threading.Thread(target=_watch, args=(parent,), daemon=True, name="end_with_parent").start()
 
@@ -21,4 +23,6 @@ def end_with(parent: int) -> None:
 def _watch(parent: int) -> None:
     while os.getppid() == parent:  # another process adopts an orphan
         time.sleep(_POLL_S)
+    _thread.interrupt_main()  # what is being written is removed on the way out
+    time.sleep(_LEAVING_S)
     os._exit(1)

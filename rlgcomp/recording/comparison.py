@@ -25,6 +25,7 @@ from rlgcomp.recording.relative_delays import delayed_monitors, exchanged_thermo
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
+MOST_FILLED: Final = 1.2  # times of a steady clock, over the samples that there are
 MOST_SAMPLES: Final = 1 << 19  # of a run that are compared with another run
 FEWEST_SAMPLES: Final = 200
 CLIP: Final = 4.0  # robust standard deviations beyond which a step is no noise
@@ -68,10 +69,19 @@ def compare(runs: Sequence[Recording], gyro: str | None = None) -> tuple[Message
             noises[k] = (run.rate_deg_h(gyro), run.period_s)
         except InputError:
             continue
-    messages = [*_copies(runs, noises), *_channels(runs), *_thermometers(runs), *_clocks(runs, noises)]
+    steady = {k: (_without_gaps(runs[k], rate), period_s) for k, (rate, period_s) in noises.items()}
+    messages = [*_copies(runs, steady), *_channels(runs), *_thermometers(runs), *_clocks(runs, noises)]
     messages += (exchanged := exchanged_thermometers(runs))
     rates = {k: rate for k, (rate, _) in noises.items()}
     return (*messages, *(_response(runs, rates) or ([] if exchanged else delayed_monitors(runs, rates))))
+
+
+def _without_gaps(run: Recording, rate_deg_h: Array) -> Array:
+    """A gyro at the times of a steady clock, lost samples interpolated: a copy without them has its noise in the same places."""
+    places = np.rint((run.time_s - run.time_s[0]) / run.period_s)
+    if len(places) < 2 or places[-1] == len(places) - 1 or places[-1] > MOST_FILLED * len(places):
+        return rate_deg_h
+    return np.interp(np.arange(places[-1] + 1.0), places, rate_deg_h)
 
 
 # --- copies ----------------------------------------------------------------------------------------------------------------------
@@ -104,6 +114,9 @@ def shared_noise(one: Array, one_period_s: float, other: Array, other_period_s: 
     if 1 < factor <= COARSEST:
         means = one[: len(one) // factor * factor].reshape(-1, factor).mean(axis=1)
         trials = [(one[phase::factor], other) for phase in range(factor)] + [(means, other), (one, other)]
+    ratio = other_period_s / one_period_s
+    if abs(ratio / factor - 1.0) > 0.01 and ratio < COARSEST:  # one of them may have been interpolated from the other
+        trials.append((np.interp(np.arange(0.0, len(one) - 1.0, ratio), np.arange(len(one)), one), other))
     found = [share for first, second in trials if (share := _at_best_lag(first, second)) is not None]
     return max(found, default=None)
 

@@ -70,8 +70,8 @@ def _streamed(
 
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "compensation.turning": (
-        "The gyro's means spread by {spread_deg_h:.3g} deg/h, as on a table that turns, and no column has its rate: the model "
-        "learns its motion. Map the rate with --map table_rate_deg_s='NAME [deg/s]', or state the gyro's unit."
+        "The gyro's means spread by {spread_deg_h:.3g} deg/h, as on a table that turns: the model learns this motion as a bias. "
+        "Train on runs at rest, name the table's rate among --features (table_rate_deg_s), or state the gyro's unit."
     ),
     "compensation.below_noise": (
         "With runs left out the residual is {left_out_rms_deg_h:.3g} deg/h, less than the {noise_deg_h:.3g} deg/h that white noise "

@@ -1,0 +1,103 @@
+"""Files of loggers that the package only reads, made of a table by the libraries that write them."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+
+def _columns(table: pd.DataFrame) -> dict[str, Any]:
+    return {str(name): table[name].to_numpy(dtype=np.float64) for name in table.columns}
+
+
+def _npz(path: Path, table: pd.DataFrame) -> None:
+    np.savez_compressed(path, **_columns(table))
+
+
+def _feather(path: Path, table: pd.DataFrame) -> None:
+    table.to_feather(path)
+
+
+def _excel(path: Path, table: pd.DataFrame) -> None:
+    table.head(60).to_excel(path, index=False)
+
+
+def _labview(path: Path, table: pd.DataFrame) -> None:
+    """LabVIEW's text format: a header of names and values, then columns."""
+    head = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\t\n\t\n"
+    )
+    channels = f"Channels\t{len(table.columns)}\t\n***End_of_Header***\t\n"
+    path.write_text(head + channels + table.to_csv(index=False, sep="\t"), encoding="utf-8")
+
+
+def _tdms(path: Path, table: pd.DataFrame) -> None:
+    import nptdms
+
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([nptdms.ChannelObject("log", name, values) for name, values in _columns(table).items()])
+
+
+def _mdf(path: Path, table: pd.DataFrame) -> None:
+    import asammdf
+
+    columns = _columns(table)
+    time_s = columns.pop("time_s")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(values, time_s, name=name) for name, values in columns.items()])
+        file.save(path, overwrite=True)
+
+
+def _ulog(path: Path, table: pd.DataFrame) -> None:
+    """A topic of doubles, after PX4's specification of the format."""
+    import pyulog  # noqa: F401  without it the package does not read the file
+
+    def record(kind: str, content: bytes) -> bytes:
+        return struct.pack("<HB", len(content), ord(kind)) + content
+
+    columns = _columns(table)
+    time_s = columns.pop("time_s")
+    declared = "uint64_t timestamp;" + "".join(f"double {name};" for name in columns)
+    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + record("B", bytes(40)) + record("F", f"log:{declared}".encode())
+    content += record("A", struct.pack("<BH", 0, 0) + b"log")
+    for k, moment in enumerate(np.clip(np.nan_to_num(time_s), 0.0, 1e9)):
+        row = [values[k] for values in columns.values()]
+        content += record("D", struct.pack(f"<HQ{len(row)}d", 0, round(1e6 * moment), *row))
+    path.write_bytes(content)
+
+
+def _rosbag(path: Path, table: pd.DataFrame) -> None:
+    """Temperatures of ROS 1."""
+    from rosbags import rosbag1
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    with rosbag1.Writer(path) as bag:
+        connection = bag.add_connection("/imu", "sensor_msgs/msg/Temperature", typestore=store)
+        for k, value in enumerate(table["gyro_deg_h"]):
+            stamp = types["builtin_interfaces/msg/Time"](sec=k, nanosec=0)
+            message = types["sensor_msgs/msg/Temperature"](types["std_msgs/msg/Header"](k, stamp, "imu"), float(value), 0.0)
+            bag.write(connection, 10**9 * k, store.serialize_ros1(message, connection.msgtype))
+
+
+MAKERS: Final[dict[str, Callable[[Path, pd.DataFrame], None]]] = {
+    ".npz": _npz,
+    ".feather": _feather,
+    ".xlsx": _excel,
+    ".lvm": _labview,
+    ".tdms": _tdms,
+    ".mf4": _mdf,
+    ".ulg": _ulog,
+    ".bag": _rosbag,
+}
+MAPPINGS: Final = {
+    ".mf4": {"time_s": "time"},
+    ".ulg": {"time_s": "timestamp"},
+    ".bag": {"time_s": "time", "gyro_deg_h": "temperature [deg/h]"},
+}
