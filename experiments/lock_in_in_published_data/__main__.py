@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     (rate, sd), values = models["the diagnosis"], [value for value, _ in models.values()]
     power_up = study.fit_each().lock_in_deg_s.std(ddof=1)
     gain = 0.0 if found.test is None else found.test.improvement
-    law = f": {found.unexplained.equation}" if found.unexplained.equation else ""
+    law = "".join(f": {one.equation}" for one in found.laws)
     show_list(
         "What this supports",
         [
@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _probability(found: study.Diagnosis) -> float:
-    return max((cause.probability for cause in found.causes if cause.mechanism.name == "lock_in"), default=0.0)
+    return max((cause.probability for cause in found.causes if cause.name == "lock_in"), default=0.0)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.numerics.readings import Readings
 from rlgcomp.recording import TIME, Recording
+from rlgcomp.recording.motion import ANGLES, RATE
 from rlgcomp.recording.stuck_channels import by_column, stuck_segments
 from rlgcomp.units import arw_rate_sd_deg_h
 
@@ -157,7 +158,8 @@ class Run:
             for column in binned.columns
             if column in whole and column not in fixed
         }
-        binned = binned.replace(table=binned.table.assign(**{column: one.values for column, one in readings.items()}))
+        smooth = {column: one.values for column, one in readings.items() if column not in (RATE, *ANGLES)}  # a table may jump
+        binned = binned.replace(table=binned.table.assign(**smooth))
         place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)
         windows = max(1, (int(place[-1]) + 1) // grid.bins)
         bins = windows * grid.bins
