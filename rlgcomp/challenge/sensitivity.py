@@ -15,6 +15,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -24,7 +25,8 @@ import pandas as pd
 from scipy import special
 
 from rlgcomp.challenge.injection import Array, Projection, contributions, distinct_injections, injected, sized_injection
-from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.decide import decided
+from rlgcomp.diagnosis.diagnose import Repeated, diagnose
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
@@ -41,6 +43,7 @@ STRENGTHS: Final = (0.1, 0.2, 0.4, 0.8, 1.6)
 DRAWS: Final = 6
 DETECTED_P: Final = 0.01
 _USUAL_WIDTH: Final = 0.3
+_REPEATED: Final[dict[str, Repeated]] = {}  # of the measurement that this process works on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -245,11 +248,8 @@ def sensitivity(
     sizes = np.repeat(np.asarray(strengths, dtype=np.float64), [len(different) for different in distinct]).tolist()
     if len(plans) < len(strengths) * draws:
         remarks.append(message("challenge.equal_trials", made=len(plans), planned=len(strengths) * draws, mechanism=mechanism))
-    files = LoadedFirst.of(catalogue.values())
-    work = (
-        joblib.delayed(_trial)(os.getpid(), files, simulator, runs, made, strength, gyro, catalogue)
-        for made, strength in zip(plans, sizes, strict=True)
-    )
+    files, common = LoadedFirst.of(catalogue.values()), _Common(simulator, tuple(runs), gyro, catalogue, uuid.uuid4().hex)
+    work = (joblib.delayed(_trial)(os.getpid(), files, common, made, strength) for made, strength in zip(plans, sizes, strict=True))
     trials = tuple(_counted(joblib.Parallel(n_jobs=jobs, return_as="generator")(work), 1 + len(plans), progress))
     tried = np.array(sizes)
     detected = np.array([trial.detected for trial in trials], dtype=np.float64)
@@ -264,6 +264,33 @@ def sensitivity(
         Curve.fit(tried, named),
         tuple(remarks),
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Common:
+    """What all trials share; each process computes the rest of it once.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    runs : tuple of Recording
+    gyro : str, optional
+    catalogue : mapping
+    key : str
+        Of this measurement.
+    """
+
+    simulator: Simulator
+    runs: tuple[Recording, ...]
+    gyro: str | None
+    catalogue: Mapping[str, type[Mechanism]]
+    key: str
+
+    def repeated(self) -> Repeated:
+        if self.key not in _REPEATED:
+            _REPEATED.clear()
+            _REPEATED[self.key] = Repeated.of(self.simulator, self.runs, gyro=self.gyro, mechanisms=self.catalogue)
+        return _REPEATED[self.key]
 
 
 def _cleared(
@@ -337,23 +364,20 @@ def _checked(
 def _trial(
     parent: int,
     files: LoadedFirst,
-    simulator: Simulator,
-    runs: Sequence[Recording],
+    common: _Common,
     made: tuple[Mechanism, int],
     strength: float,
-    gyro: str | None,
-    catalogue: Mapping[str, type[Mechanism]],
 ) -> Trial:
     end_with(parent)
     del files  # a worker loads them on receiving this
     mechanism, number = made
-    errors = contributions(mechanism, runs, number)
-    changed = [injected(run, error, gyro) for run, error in zip(runs, errors, strict=True)]
-    diagnosis = diagnose(simulator, changed, gyro=gyro, mechanisms=catalogue, black_box=False)
-    found = tuple(cause.name for cause in diagnosis.causes)
-    classes = {name for cause in diagnosis.causes for name in (cause.name, *cause.indistinguishable_from)}
-    detected = diagnosis.p_value < DETECTED_P
-    return Trial(strength, mechanism, diagnosis.p_value, detected, mechanism.name in found, mechanism.name in classes, found)
+    errors = contributions(mechanism, common.runs, number)
+    posterior = common.repeated().posterior([run.time_s for run in common.runs], errors)
+    named = [one for one in decided(posterior).named if one.mechanism is not None]
+    found = tuple(str(one.mechanism) for one in named)
+    classes = {name for one in named for name in (one.mechanism, *one.indistinguishable_from)}
+    detected = posterior.p_value < DETECTED_P
+    return Trial(strength, mechanism, posterior.p_value, detected, mechanism.name in found, mechanism.name in classes, found)
 
 
 def _counted(trials: Iterator[Trial], total: int, progress: Callable[[int, int], None]) -> Iterator[Trial]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +27,8 @@ from rlgcomp.diagnosis.record import Request
 from rlgcomp.diagnosis.regions import Setting, laws, named, own_bases
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.scores import score
-from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.screen import Layout
+from rlgcomp.diagnosis.search import Search, State
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
 from rlgcomp.errors import InputError
@@ -169,8 +171,8 @@ class _Engine:
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
         return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other, self.noise)
 
-    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
-        """The posterior of all sets, the simulator with its free shapes calibrated, and a message on candidates it absorbs."""
+    def question(self, recordings: Sequence[Recording]) -> tuple[Bank, list[Region], Baseline]:
+        """The data, the regions that are weighed, and the simulator with its free shapes calibrated."""
         data, simulator = self.data(recordings), self.runs.base
         data.require_windows()
         baseline = Baseline.calibrated(simulator, data)
@@ -184,9 +186,14 @@ class _Engine:
             regions = list(named(setting, self.candidates, present))
             regions += laws(setting, regions)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
+        return bank, [*regions, *nuisances(data, baseline)], baseline
+
+    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
+        """The posterior of all sets, the simulator with its free shapes calibrated, and a message on candidates it absorbs."""
+        bank, regions, baseline = self.question(recordings)
         absorbed = [region.mechanism for region in regions if region.mechanism and _absorbed(region, bank)]
         messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
-        return Posterior.of(bank, [*regions, *nuisances(data, baseline)]), baseline, messages
+        return Posterior.of(bank, regions), baseline, messages
 
     def fitted(self, chosen: tuple[Posterior, Baseline, list[Message]]) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
@@ -248,6 +255,56 @@ class _Engine:
         if seen is not None:
             seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
         return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Repeated:
+    """Diagnoses of the same runs with this and that added to the output; what does not depend on the output is computed once.
+
+    Free shapes of the simulator stay calibrated to the runs as they are, and are free to the first order.
+
+    Parameters
+    ----------
+    bank : Bank
+    regions : tuple of Region
+    layout : Layout
+    """
+
+    bank: Bank
+    regions: tuple[Region, ...]
+    layout: Layout
+
+    @classmethod
+    @one_blas_thread
+    def of(
+        cls,
+        simulator: AnySimulator,
+        train: Sequence[Recording],
+        *,
+        gyro: str | None = None,
+        mechanisms: Mapping[str, type[Mechanism]] = CATALOGUE,
+    ) -> Self:
+        """Of some runs; parameters as of :func:`diagnose`."""
+        runs = Prepared.of(simulator, None, train, [], [], gyro=gyro, output=None)
+        request = _request(runs, mechanisms, gyro, None, None)
+        bank, regions, _ = _Engine(runs, mechanisms, request, gyro, None, None, None, None).question(runs.train)
+        return cls(bank, tuple(regions), Search(bank, regions).layout)
+
+    @one_blas_thread
+    def posterior(self, time_s: Sequence[Array], added: Sequence[Array]) -> Posterior:
+        """The posterior of all sets with something added.
+
+        Parameters
+        ----------
+        time_s, added : sequence of ndarray
+            Times in the runs' own, and what is added there in deg/h, of each run.
+        """
+        runs = []
+        for run, at, values in zip(self.bank.data.runs, time_s, added, strict=True):
+            more = run.means(run.on_bins_of_rows(np.interp(run.recording.time_s, at, values)))
+            runs.append(dataclasses.replace(run, output=run.output + more))
+        data = dataclasses.replace(self.bank.data, runs=tuple(runs))
+        return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
 
 
 def _absorbed(region: Region, bank: Bank) -> bool:

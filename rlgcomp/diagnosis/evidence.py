@@ -11,11 +11,12 @@ by the set, one eigenproblem G = U Λ Uᵀ gives every size s: log|M| grows by �
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import math
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,7 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
 _KEPT: Final = 150  # projected bases of one noise
+_NOISES: Final = 40  # whose factors are kept
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
 _UNSEEN: Final = 1e-11  # of its variance, in a direction that no size brings above the noise
 LOG_SIZE: Final = -math.log(len(priors.SIZES))
@@ -74,10 +76,27 @@ class Bank:
     def __init__(self, data: Data, design: Array, baseline: Baseline | None = None) -> None:
         self.data, self.design, self.baseline = data, design, baseline
         self.white = Whitened(data, design, Noise())
+        self._whitened: dict[Noise, Whitened] = {}
         self._columns: dict[Basis, Array] = {}
         self._reduced: dict[Basis, Array] = {}
         self._squares: dict[Basis, tuple[float, float]] = {}
         self._scaled: dict[Form, tuple[tuple[Basis, float], ...] | None] = {}
+
+    def with_output(self, data: Data) -> Self:
+        """The same bases and noises with another output of the same windows; what does not depend on it is shared."""
+        found = copy.copy(self)
+        found.data, found.white = data, self.white.with_output(data)
+        return found
+
+    def whitened(self, noise: Noise) -> Whitened:
+        """The data under a noise."""
+        if noise == Noise():
+            return self.white
+        if noise not in self._whitened:
+            if len(self._whitened) >= _NOISES:
+                self._whitened.pop(next(iter(self._whitened)))
+            self._whitened[noise] = Whitened(self.data, self.design, noise)
+        return self._whitened[noise].with_output(self.data)
 
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""
@@ -136,7 +155,7 @@ class Evidence:
 
     def __init__(self, bank: Bank, noise: Noise, log_prior: float) -> None:
         self.bank, self.noise, self.log_prior = bank, noise, log_prior
-        self.whitened = bank.white if noise == Noise() else Whitened(bank.data, bank.design, noise)
+        self.whitened = bank.whitened(noise)
         self._projected: dict[Basis, Array] = {}
 
     @property

@@ -9,9 +9,10 @@ independent. Windows are few, so each run has a Cholesky factor.
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -128,8 +129,7 @@ class Whitened:
     """
 
     def __init__(self, data: Data, design: Array, noise: Noise) -> None:
-        self.noise = noise
-        self._slices = data.slices
+        self.noise, self._slices = noise, data.slices
         self._factors = (
             [1.0 / np.sqrt(run.white) for run in data.runs]
             if noise == Noise()
@@ -142,8 +142,17 @@ class Whitened:
         log_det += np.sum(np.log(np.abs(np.diag(triangle)))) + np.sum(np.log(size))
         self.log_normaliser = -float(log_det)
         self.freedom = len(data) - design.shape[1] + data.known.windows
+        self._set(data)
+
+    def _set(self, data: Data) -> None:
         self.output = self.project(data.output[:, None])[:, 0]
         self.square = float(self.output @ self.output) + data.known.square
+
+    def with_output(self, data: Data) -> Self:
+        """The same of another output of the same windows."""
+        found = copy.copy(self)
+        found._set(data)  # noqa: SLF001  (of the same class)
+        return found
 
     def project(self, columns: Array) -> Array:
         """Columns of window means, whitened, less what the baseline absorbs."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from rlgcomp.diagnosis.evidence import Bank
 from rlgcomp.diagnosis.mismatch import screened
+from rlgcomp.diagnosis.screen import Layout
 from rlgcomp.diagnosis.search import Key, Search, State
 from rlgcomp.diagnosis.terms import Region
 
@@ -36,9 +37,17 @@ class Posterior:
     left_in_noise: float = 1.0
 
     @classmethod
-    def of(cls, bank: Bank, regions: Sequence[Region]) -> Self:
-        """The posterior of a search; with a two-state process, of a second one beside its path."""
-        search = Search(bank, regions)
+    def of(cls, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> Self:
+        """The posterior of a search; with a two-state process, of a second one beside its path.
+
+        Parameters
+        ----------
+        bank : Bank
+        regions : sequence of Region
+        layout : Layout, optional
+            As of :class:`~rlgcomp.diagnosis.search.Search`.
+        """
+        search = Search(bank, regions, layout)
         states = search.run()
         if bank.data.turns:
             return cls(tuple(states), search.regions, *_in_noise(search, states))

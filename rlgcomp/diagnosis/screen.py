@@ -22,6 +22,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.evidence import Bank, Conditional, Evidence
+from rlgcomp.diagnosis.noise import Noise, Whitened
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
@@ -30,6 +31,7 @@ Scaled = tuple[tuple[Basis, float], ...]
 _OWN: Final = 8  # columns of a form beside those that it shares
 _SHARED: Final = 4  # columns that are shared, at least
 _ALIKE: Final = 4  # forms that share them, at least
+_KEPT: Final = 64  # products of a section under a noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,10 +126,20 @@ class Layout:
 
     def __init__(self, bank: Bank, forms: Sequence[Form], labels: Sequence[Hashable] | None = None) -> None:
         self.forms = tuple(forms)
+        self._products: dict[tuple[Noise, int], tuple[Products, ...]] = {}
         by_label: dict[Hashable, list[int]] = defaultdict(list)
         for k in range(len(forms)):
             by_label[labels[k] if labels else None].append(k)
         self.sections = tuple(Section.of(bank, [forms[k] for k in numbers], numbers) for numbers in by_label.values())
+
+    def products(self, number: int, whitened: Whitened) -> tuple[Products, ...]:
+        """Of each panel of a section under a noise; those of a few noises are kept."""
+        key = whitened.noise, number
+        if key not in self._products:
+            if len(self._products) >= _KEPT:
+                self._products.pop(next(iter(self._products)))
+            self._products[key] = _products(self.sections[number], whitened)
+        return self._products[key]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,22 +215,24 @@ class Screen:
     def products(self, number: int) -> _Grams:
         """Of the section of a number."""
         if number not in self._grams:
-            self._grams[number] = self._made(self.layout.sections[number])
+            section, panels = self.layout.sections[number], self.layout.products(number, self.evidence.whitened)
+            self._grams[number] = _Grams(section.table.T @ self.evidence.adjoint_output, panels)
         return self._grams[number]
 
-    def _made(self, section: Section) -> _Grams:
-        whitened = self.evidence.whitened
-        white = whitened.whiten(section.table)
-        absorbed = whitened.basis.T @ white
-        panels = []
-        for panel in section.panels:
-            of_own = np.swapaxes(absorbed[:, panel.own] * panel.own_scale, 0, 1)  # (f, p, l)
-            own = np.ascontiguousarray(np.moveaxis(white[:, panel.own] * panel.own_scale, 0, 1))  # (f, n, l)
-            gram = np.matmul(np.swapaxes(own, 1, 2), own) - np.matmul(np.swapaxes(of_own, 1, 2), of_own)
-            shared, of_shared = white[:, panel.shared] * panel.shared_scale, absorbed[:, panel.shared] * panel.shared_scale
-            both = np.moveaxis(shared.T @ own - of_shared.T @ of_own, 1, 0)  # (k, f, l)
-            panels.append(Products(gram, both, shared.T @ shared - of_shared.T @ of_shared))
-        return _Grams(section.table.T @ self.evidence.adjoint_output, tuple(panels))
+
+def _products(section: Section, whitened: Whitened) -> tuple[Products, ...]:
+    """Of the panels of a section."""
+    white = whitened.whiten(section.table)
+    absorbed = whitened.basis.T @ white
+    panels = []
+    for panel in section.panels:
+        of_own = np.swapaxes(absorbed[:, panel.own] * panel.own_scale, 0, 1)  # (f, p, l)
+        own = np.ascontiguousarray(np.moveaxis(white[:, panel.own] * panel.own_scale, 0, 1))  # (f, n, l)
+        gram = np.matmul(np.swapaxes(own, 1, 2), own) - np.matmul(np.swapaxes(of_own, 1, 2), of_own)
+        shared, of_shared = white[:, panel.shared] * panel.shared_scale, absorbed[:, panel.shared] * panel.shared_scale
+        both = np.moveaxis(shared.T @ own - of_shared.T @ of_own, 1, 0)  # (k, f, l)
+        panels.append(Products(gram, both, shared.T @ shared - of_shared.T @ of_shared))
+    return tuple(panels)
 
 
 def _panel_gains(given: Conditional, panel: Panel, products: Products, cross: Array, vector: Array) -> Array:

@@ -87,15 +87,17 @@ class Search:
     ----------
     bank : Bank
     regions : sequence of Region
+    layout : Layout, optional
+        Of an earlier search over the same regions, beside the same baseline.
     """
 
-    def __init__(self, bank: Bank, regions: Sequence[Region]) -> None:
+    def __init__(self, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> None:
         self.bank = bank
         bank.prepare(form for region in regions for form in region.forms)
         self.regions = {region.key: self._possible(region) for region in regions}
         self.forms = tuple(form for region in self.regions.values() for form in region.forms)
         self._region_of = np.array([form.region for form in self.forms])
-        self.layout = Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
+        self.layout = layout or Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
         self.hypotheses = Hypotheses.of(bank.data)
         self.noise_log_prior = self.hypotheses.log_prior()
         self._evidences: dict[Noise, Evidence] = {}

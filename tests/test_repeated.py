@@ -1,0 +1,45 @@
+"""Diagnoses of the same runs with other outputs share what does not depend on the output, and nothing else changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rlgcomp.challenge.injection import injected
+from rlgcomp.diagnosis.diagnose import Repeated, diagnose
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+PROGRAMMES = (
+    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
+    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
+)
+SIMULATOR = Simulator.from_mapping(
+    {
+        "kind": "chamber",
+        "mechanisms": [{"thermal_polynomial": {"degree": 2}}],
+        "noise": {"angle_random_walk_deg_sqrt_h": 0.0005},
+    }
+)
+FEW = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field", "thermal_hysteresis")}
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[Recording]:
+    return [SIMULATOR.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+def test_each_is_the_diagnosis_of_the_changed_runs(runs: list[Recording]) -> None:
+    repeated = Repeated.of(SIMULATOR, runs, mechanisms=FEW)
+    times = [run.time_s for run in runs]
+    for volts in (0.0, 0.5):
+        added = [volts * (run.column("supply_voltage_V") - 15.0) for run in runs]
+        changed = [injected(run, values, None) for run, values in zip(runs, added, strict=True)]
+        found, whole = repeated.posterior(times, added), diagnose(SIMULATOR, changed, mechanisms=FEW, black_box=False).posterior
+        assert found.best.key == whole.best.key
+        assert ("supply_voltage" in found.effects(found.best.key)) == (volts > 0.0)
+        assert found.null == pytest.approx(whole.null, rel=1e-3)
+        assert found.p_value == pytest.approx(whole.p_value, rel=1e-3)
+    again = repeated.posterior(times, [np.zeros(len(run)) for run in runs])
+    assert again.best.key == repeated.posterior(times, [np.zeros(len(run)) for run in runs]).best.key
