@@ -133,13 +133,14 @@ def _ramp(low: float, high: float, seed: int) -> rlg.Recording:
     return rlg.Recording(pd.DataFrame(table), name=f"{low:g} to {high:g}")
 
 
-def test_runs_that_do_not_overlap_give_the_interval_of_their_blocks_and_a_remark() -> None:
+def test_runs_that_do_not_overlap_give_their_error_from_each_other_and_a_remark() -> None:
     model = rlg.Compensator(features="temperature").fit([_ramp(-40.0, 0.0, 1), _ramp(20.0, 60.0, 2)])
-    noise_deg_h = 1.0 / np.sqrt(50.0)
-    assert model.interval_.basis == "blocks"
-    assert 1.5 * noise_deg_h < model.interval_.inside_deg_h < 10.0 * noise_deg_h
+    *_, groups = model.training_rows()
+    errors = np.abs(model.model_.leave_groups_out(groups)) * model.scaling_.y_scale_deg_h
+    assert model.interval_.basis == "spread"
+    assert model.interval_.inside_deg_h >= np.quantile(errors, 0.9) > 0.0
     (remark,) = [remark for remark in model.remarks_ if remark.code == "compensation.no_overlap"]
-    assert remark.data["left_out_rms_deg_h"] == pytest.approx(model.selection_.rmse * model.scaling_.y_scale_deg_h)
+    assert remark.data == {"half_width_deg_h": model.interval_.inside_deg_h}
 
 
 def test_it_is_never_less_than_the_noise_of_the_means() -> None:

@@ -41,6 +41,14 @@ if TYPE_CHECKING:
 
 MANY_ROWS: Final = 5000  # that a processor fits in minutes, not seconds
 EVALUATION: Final = ("evaluation.json", "report.html")  # what `evaluate` writes
+Offset = Annotated[
+    tuple[str, float] | None,
+    typer.Option(
+        "--offset",
+        metavar="zero-at-start S",
+        help="Take the offset of this run, new at each switch-on, from the gyro's first S seconds, at rest and without Earth rate.",
+    ),
+]
 Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
 
 
@@ -175,6 +183,19 @@ def train(
         notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
 
 
+def _offset_s(offset: tuple[str, float] | None) -> float | None:
+    """The seconds at the start of a run over which its offset is taken; None without the option."""
+    from rlgcomp.compensation.start_offset import ZERO_AT_START, StartOffset
+    from rlgcomp.errors import InputError
+
+    if offset is None:
+        return None
+    name, duration_s = offset
+    if name != ZERO_AT_START:
+        raise InputError(f"--offset {name!r} is unknown; give --offset {ZERO_AT_START} and a number of seconds")
+    return StartOffset(duration_s).duration_s
+
+
 def _saved(compensator: Compensator, out: Path, export: Path | None, recordings: list[Recording]) -> Exported | None:
     """Write the model and its code; where the code lies in the model's folder, both replace the earlier ones together."""
     if export is None:
@@ -260,6 +281,7 @@ def evaluate(
         Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report.html and evaluation.json, replaced as a whole.")
     ],
     no_comparison: Annotated[bool, typer.Option("--no-comparison", help="Skip the tables by feature and model.")] = False,
+    offset: Offset = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
@@ -271,18 +293,21 @@ def evaluate(
     """Bias stability on runs held out: tables and a report.
 
     Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
+
+    Example: `rlgcomp evaluate models/unit-17 new.parquet --offset zero-at-start 600 --out report`
     """
     from rlgcomp.compensation.compensator import load
     from rlgcomp.evaluation.evaluation import evaluate as evaluate_runs
     from rlgcomp.evaluation.page import write_report
     from rlgcomp.files import from_json, read_text, whole_folder
 
+    offset_s = _offset_s(offset)
     require_folder(out, EVALUATION, model, runs, calibration)
     compensator = load(model)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, recordings)
     differences = compared(recordings, compensator.gyro)
-    evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs)
+    evaluation = evaluate_runs(compensator, recordings, compare=not no_comparison, n_jobs=jobs, offset_s=offset_s)
     inputs = [model, *(interval_of(spec)[0] for spec in runs), *filter(None, [calibration])]
     evaluation = dataclasses.replace(evaluation, input_remarks=(*differences, *evaluation.input_remarks))
     with whole_folder(out, writes=EVALUATION) as folder:
@@ -303,6 +328,7 @@ def compensate(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording; with --follow also -.")],
     follow: Annotated[bool, typer.Option("--follow", help="Continue as the file grows; write each line once it is whole.")] = False,
     idle_s: Annotated[float | None, typer.Option("--idle-s", min=0.0, help="--follow ends after so long without growth.")] = None,
+    offset: Offset = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
@@ -325,6 +351,7 @@ def compensate(
     from rlgcomp.compensation.compensator import load
     from rlgcomp.recording.formats import write
 
+    offset_s = _offset_s(offset)
     if follow:
         from rlgcomp.calibration.file import Calibration
         from rlgcomp.compensation.streaming import compensate_stream
@@ -339,6 +366,7 @@ def compensate(
             period_s=period_s,
             calibration=None if calibration is None else Calibration.read(calibration),
             idle_s=idle_s,
+            offset_s=offset_s,
             notify=lambda remark: notify(remark.text),
         )
         if as_json and str(out) != "-":
@@ -352,7 +380,7 @@ def compensate(
     recording, remarks = _repaired_monitors(compensator, recording)
     for remark in remarks:
         notify(remark.text)
-    corrected = compensator.correct(recording)
+    corrected = compensator.correct(recording, offset_s=offset_s)
     write(corrected, out, overwrite=overwrite)
     outside = float(corrected.column("compensation_out_of_range").mean())
     if as_json:

@@ -25,12 +25,13 @@ from rlgcomp.compensation.feature_pipeline import (
 )
 from rlgcomp.compensation.features import Level
 from rlgcomp.compensation.input_selection import remarks_on, select_inputs
-from rlgcomp.compensation.interval import Interval, NoOverlapError, excess, noise_of_windows_deg_h
+from rlgcomp.compensation.interval import Interval, excess, noise_of_windows_deg_h
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.compensation.models.specification import cross_validation_residuals, grouping, require_regressor, sequential
 from rlgcomp.compensation.selection import Progress, Selection, select
+from rlgcomp.compensation.start_offset import StartOffset
 from rlgcomp.compensation.window_means import Scaling, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
@@ -102,6 +103,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     """
 
     _state: Any = None  # of the features, between calls of `step`
+    _offset_interval: tuple[float, Interval] | None = None  # the last that was calibrated
 
     def __init__(
         self,
@@ -216,6 +218,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         for remark in self.remarks_:
             logger.warning("%s", remark)
         self.schema_ = SCHEMA
+        self._offset_interval = None
         self.restart()
         return self
 
@@ -243,23 +246,24 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         return X, y, groups
 
     def calibrated_interval(self) -> Interval:
-        """From the errors of the selected model on runs left out; on blocks of runs where runs do not overlap."""
-        X, y, groups = self.training_rows()
-        inputs = np.vstack([part.X for part in self.training_])
-        y_deg_h = np.concatenate([part.y_deg_h for part in self.training_])
-        noise = noise_of_windows_deg_h([part.y_deg_h for part in self.training_])
+        """From the errors of the selected model on runs left out."""
+        return self._calibrated(self._left_out_errors_deg_h(), np.ones(len(self.run_labels()), dtype=np.bool_))
 
-        def calibrated(labels: npt.NDArray[np.int64], *, blocks: bool) -> Interval:
-            errors = cross_validation_residuals(self.model_, X, y, labels) * self.scaling_.y_scale_deg_h
-            number = len(self.training_)
-            return Interval.calibrated(errors, inputs, y_deg_h, labels, runs=number, noise_deg_h=noise, blocks=blocks)
-
-        try:
-            return calibrated(groups, blocks=len(self.training_) == 1)
-        except NoOverlapError:
-            counts = [len(part.y_deg_h) for part in self.training_]
-            blocks = np.concatenate([np.arange(count) * BLOCKS_OF_ONE_RUN // count for count in counts])
-            return calibrated(self.run_labels() * BLOCKS_OF_ONE_RUN + blocks, blocks=True)
+    def offset_interval(self, offset_s: float) -> Interval:
+        """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""
+        if self._offset_interval is not None and self._offset_interval[0] == offset_s:
+            return self._offset_interval[1]
+        errors, labels = self._left_out_errors_deg_h(), self.run_labels()
+        later = np.ones(len(errors), dtype=np.bool_)
+        for label, part in enumerate(self.training_):
+            rows = np.flatnonzero(labels == label)
+            begin_s = part.time_s[0] - 0.5 * self.averaging_s
+            start = rows[: max(1, int(np.searchsorted(part.time_s, begin_s + offset_s)))]
+            errors[rows] -= errors[start].mean()
+            later[start] = len(start) == len(rows)
+        interval = self._calibrated(errors, later)
+        self._offset_interval = offset_s, interval
+        return interval
 
     def run_labels(self) -> npt.NDArray[np.int64]:
         """Number of the run that each training row belongs to."""
@@ -267,13 +271,16 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     # --- prediction --------------------------------------------------------------------------------------------------------
 
-    def predict(self, recording: Recording) -> pd.DataFrame:
+    def predict(self, recording: Recording, *, offset_s: float | None = None) -> pd.DataFrame:
         """Bias of every sample.
 
         Parameters
         ----------
         recording : Recording or table
             A table as :func:`rlgcomp.recording` takes it.
+        offset_s : float, optional
+            Zero the offset of this run by its gyro over so many seconds at its start; see
+            :mod:`rlgcomp.compensation.start_offset`.
 
         Returns
         -------
@@ -284,9 +291,31 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         recording = require_recording(recording, "recording")
         X = self.pipeline_.transform(recording).to_numpy()
         bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
-        return self._prediction(X, bias)
+        predicted = self._prediction(X, bias)
+        if offset_s is None:
+            return predicted
+        offset, scored = StartOffset(offset_s), recording.scored
+        zeroed = self.zeroed(offset, recording.time_s[scored], recording.rate_deg_h(self.gyro)[scored], predicted[scored])
+        return pd.concat([predicted[~scored], zeroed]).sort_index()
 
-    def correct(self, recording: Recording) -> Recording:
+    def zeroed(self, offset: StartOffset, time_s: Array, rate_deg_h: Array, predicted: pd.DataFrame) -> pd.DataFrame:
+        """Predictions of consecutive samples with the offset of their run, and its interval once the start is over.
+
+        Parameters
+        ----------
+        offset : StartOffset
+            Its state goes on from sample to sample.
+        time_s, rate_deg_h : ndarray, shape (n,)
+        predicted : pandas.DataFrame
+            As :meth:`steps` returns it.
+        """
+        bias = predicted["bias_deg_h"].to_numpy()
+        offsets, over = offset.run(time_s, rate_deg_h - bias)
+        narrower = self.offset_interval(offset.duration_s).inside_deg_h - self.interval_.inside_deg_h
+        half_width = predicted["half_width_deg_h"].to_numpy() + np.where(over, narrower, 0.0)
+        return predicted.assign(bias_deg_h=bias + offsets, half_width_deg_h=half_width)
+
+    def correct(self, recording: Recording, *, offset_s: float | None = None) -> Recording:
         """The recording with its bias removed.
 
         The gyro comes out as a rate (pulses become deg/h); `compensation_deg_h` holds what was subtracted and
@@ -297,6 +326,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         ----------
         recording : Recording or table
             A table as :func:`rlgcomp.recording` takes it.
+        offset_s : float, optional
+            As for :meth:`predict`.
 
         Raises
         ------
@@ -306,7 +337,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         recording = require_recording(recording, "recording")
         require_raw(recording.name, recording.columns)
         column = recording.gyro_column(self.gyro)
-        rate_deg_h, predicted = recording.rate_deg_h(column), self.predict(recording)
+        rate_deg_h, predicted = recording.rate_deg_h(column), self.predict(recording, offset_s=offset_s)
         table = corrected_table(recording.table, column, rate_deg_h, predicted, reference_deg_h=self.reference_deg_h)
         return recording.replace(table=table)
 
@@ -460,6 +491,24 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
         )
 
+    def _left_out_errors_deg_h(self) -> Array:
+        """Error of each training window with its run left out."""
+        X, y, groups = self.training_rows()
+        return cross_validation_residuals(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h
+
+    def _calibrated(self, errors_deg_h: Array, rows: npt.NDArray[np.bool_]) -> Interval:
+        """The interval from these rows of the training windows."""
+        y_deg_h = [part.y_deg_h for part in self.training_]
+        return Interval.calibrated(
+            errors_deg_h[rows],
+            np.vstack([part.X for part in self.training_])[rows],
+            np.concatenate(y_deg_h)[rows],
+            self.training_rows()[2][rows],
+            runs=len(self.training_),
+            noise_deg_h=noise_of_windows_deg_h(y_deg_h),
+            blocks=len(self.training_) == 1,
+        )
+
     def _turning(self) -> list[Message]:
         """A message where the gyro turns as no chamber lets it, and the model does not know how the table turns."""
         spread = self.scaling_.y_scale_deg_h
@@ -467,15 +516,13 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         return [] if known or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
 
     def _interval_remarks(self) -> list[Message]:
-        """A message where the interval does not show how runs differ, though there are several, or is not known at all."""
+        """A message where no run lies within the range of the others, or no error is known at all."""
         basis, half_width_deg_h = self.interval_.basis, self.interval_.inside_deg_h
         if basis == "unknown":
             return [message("compensation.interval_unknown", half_width_deg_h=half_width_deg_h)]
-        if basis == "runs" or len(self.training_) == 1:
+        if basis != "spread":
             return []
-        rmse = self.selection_.rmse
-        left_out_rms_deg_h = None if rmse is None else rmse * self.scaling_.y_scale_deg_h
-        return [message("compensation.no_overlap", left_out_rms_deg_h=left_out_rms_deg_h, half_width_deg_h=half_width_deg_h)]
+        return [message("compensation.no_overlap", half_width_deg_h=half_width_deg_h)]
 
     def _below_noise(self, runs: Sequence[Recording]) -> list[Message]:
         """A message where the error with runs left out is less than the noise of the means: the runs know each other."""

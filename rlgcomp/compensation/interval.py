@@ -20,8 +20,9 @@ the scatter differs from run to run: with :math:`Q_{-r}` the 90 % quantile of :m
 .. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } |e_i - d_r| - Q_{-r} .
 
 Windows beyond the range of the other runs depend on w, not on q, and are not counted. Where no run lies within the range of the
-others, the errors with blocks of runs left out take the place of those with runs left out, each less w e. q is never less than the
-noise of the means. Where that is zero as well (constant or noiseless data), q is not known, and the span of the bias stands for it.
+others, q is the 90 % quantile of the whole errors, extrapolated as they are: how far runs are from each other. Of a single run
+blocks are left out, and their errors beyond the range of the others count less w e. q is never less than the noise of the means.
+Where that is zero as well (constant or noiseless data), q is not known, and the span of the bias stands for it.
 
 References
 ----------
@@ -49,7 +50,7 @@ from rlgcomp.numerics.robust import SD_OF_MAD
 Array = npt.NDArray[np.float64]
 COVERAGE: Final = 0.9
 _FEWEST_INSIDE: Final = 10
-BASES: Final = ("runs", "blocks", "unknown")
+BASES: Final = ("runs", "spread", "blocks", "unknown")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,8 +67,9 @@ class Interval:
         Nominal share of the windows of a new run inside the interval, on average over runs.
     runs : int
         How many runs, or units, it was calibrated on, each left out in turn; for the other bases, how many there were.
-    basis : {"runs", "blocks", "unknown"}
-        What was left out in turn: runs; blocks of runs, which do not show how runs differ; or nothing, where no error is known.
+    basis : {"runs", "spread", "blocks", "unknown"}
+        What was left out in turn: runs; runs of which none lies within the range of the others; blocks of a single run, which do
+        not show how runs differ; or nothing, where no error is known.
     """
 
     inside_deg_h: float
@@ -105,12 +107,7 @@ class Interval:
         noise_deg_h : float
             Standard deviation of the noise of a window.
         blocks : bool
-            The groups are blocks of runs.
-
-        Raises
-        ------
-        NoOverlapError
-            The groups are runs, and none of them lies within the range of the others.
+            The groups are blocks of a single run.
         """
         per_span_deg_h = float(np.ptp(y_deg_h))
         errors = []
@@ -124,16 +121,16 @@ class Interval:
                 errors.append(error[beyond == 0.0])
             elif blocks:
                 errors.append(np.sign(error) * np.maximum(np.abs(error) - per_span_deg_h * beyond, 0.0))
-        if not errors:
-            raise NoOverlapError("no run lies within the range of the others")
-        means = np.array([0.0 if blocks else error.mean() for error in errors])
+        basis = "blocks" if blocks else "runs" if errors else "spread"
+        if basis == "spread":
+            errors = [errors_deg_h[groups == label] for label in np.unique(groups)]
+        means = np.array([error.mean() if basis == "runs" else 0.0 for error in errors])
         within = [error - mean for error, mean in zip(errors, means, strict=True)]
         scores = [np.abs(error) for error in within]
         others = [quantile([*scores[:k], *scores[k + 1 :]] or scores, coverage) for k in range(len(scores))]
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
         inside_deg_h = _half_width(within, _spread_of_runs(means), max(1, len(means) - 1), coverage) + margin_deg_h
         inside_deg_h = max(inside_deg_h, float(stats.norm.ppf(0.5 + 0.5 * coverage)) * noise_deg_h)
-        basis = "blocks" if blocks else "runs"
         if not inside_deg_h > 0.0:
             basis = "unknown"
             inside_deg_h = per_span_deg_h or float(np.spacing(np.abs(y_deg_h).max()))
@@ -168,10 +165,6 @@ class Interval:
     def to_mapping(self) -> dict[str, float | int | str]:
         """Plain data, for the artefact."""
         return dataclasses.asdict(self)
-
-
-class NoOverlapError(ValueError):
-    """Runs of which none lies within the range of the others."""
 
 
 def noise_of_windows_deg_h(runs: Sequence[Array]) -> float:

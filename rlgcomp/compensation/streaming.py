@@ -27,6 +27,7 @@ from rlgcomp.calibration.file import PULSE_AGREEMENT, Calibration
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.correction import calibration_mismatch, corrected_table, other_unit, require_raw
 from rlgcomp.compensation.growing_files import STANDARD, GrowingInput, GrowingOutput, interruption, require_csv
+from rlgcomp.compensation.start_offset import StartOffset
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Metadata, is_gyro, rate_name
 from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require_sidecar, write_sidecar
@@ -101,6 +102,7 @@ def compensate_stream(
     period_s: float | None = None,
     calibration: Calibration | None = None,
     idle_s: float | None = None,
+    offset_s: float | None = None,
     notify: Callable[[Message], None] = lambda remark: None,
 ) -> StreamSummary:
     """Correct a stream of CSV lines until it ends or a signal comes; the same call then resumes.
@@ -122,6 +124,8 @@ def compensate_stream(
     calibration : Calibration, optional
     idle_s : float, optional
         A file is finished when it has not grown for this time.
+    offset_s : float, optional
+        Zero the offset of this run by its gyro over so many seconds at its start.
     notify : callable
         Called with each remark on the input, before the first line is read.
 
@@ -154,6 +158,7 @@ def compensate_stream(
             pulse_arcsec=metadata.pulse_arcsec,
             period_s=period_s,
             calibration=calibration,
+            offset_s=offset_s,
         )
         if lines:
             stream.begin(dialect, lines)
@@ -208,6 +213,8 @@ class StreamCompensator:
         As :func:`rlgcomp.read` takes them. A file without time stamps needs `period_s`, and so do gyros that count pulses: a stream
         does not show its sample period, as a whole recording does.
     calibration : Calibration, optional
+    offset_s : float, optional
+        Zero the offset of this run by its gyro over so many seconds at its start.
 
     Attributes
     ----------
@@ -236,7 +243,9 @@ class StreamCompensator:
         pulse_arcsec: float | None = None,
         period_s: float | None = None,
         calibration: Calibration | None = None,
+        offset_s: float | None = None,
     ) -> None:
+        self.offset = None if offset_s is None else StartOffset(offset_s)
         self.compensator, self.mapping, self.drop = compensator, dict(mapping or {}), list(drop)
         self.pulse_arcsec, self.period_s, self.calibration = pulse_arcsec, period_s, calibration
         if calibration is not None and calibration.pulse_arcsec is not None:
@@ -432,6 +441,8 @@ class StreamCompensator:
                 table = table.rename(columns={column: rate_name(column)}).assign(**{rate_name(column): values})
             gyro, rates = rate_name(gyro), {rate_name(column): values for column, values in rates.items()}
         predicted = self.compensator.steps(table) if live and len(table) else _NO_PREDICTION
+        if self.offset is not None and live and len(table):
+            predicted = self.compensator.zeroed(self.offset, table[TIME].to_numpy(dtype=np.float64), rates[gyro], predicted)
         return corrected_table(table, gyro, rates[gyro], predicted, reference_deg_h=self.compensator.reference_deg_h)
 
     def _rate_deg_h(self, table: pd.DataFrame, column: str) -> Array:

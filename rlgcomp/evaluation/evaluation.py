@@ -125,7 +125,14 @@ def _as_text(evaluation: Evaluation) -> str:
     return "\n".join([*lines, *(f"- {remark}" for remark in evaluation.remarks)])
 
 
-def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bool = True, n_jobs: int = 1) -> Evaluation:
+def evaluate(
+    compensator: Compensator,
+    runs: Sequence[Recording],
+    *,
+    compare: bool = True,
+    n_jobs: int = 1,
+    offset_s: float | None = None,
+) -> Evaluation:
     """Evaluate a compensation on runs; a remark names those that it was trained on.
 
     Parameters
@@ -138,6 +145,8 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         rows, and compare them here.
     n_jobs : int
         Worker processes of their selection.
+    offset_s : float, optional
+        Zero the offset of each run over so many seconds at its start; the comparison of models has no such offset.
 
     Raises
     ------
@@ -158,7 +167,7 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
         for outliers in monitor_outliers(run):
             if outliers.column in compensator.pipeline_.columns:
                 remarks.append(outliers.message("followed", run.name))
-    results, traces = zip(*(_evaluate_run(compensator, run) for run in runs), strict=True)
+    results, traces = zip(*(_evaluate_run(compensator, run, offset_s) for run in runs), strict=True)
     held_out = [window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs]
     return Evaluation(
         averaging_s=compensator.averaging_s,
@@ -171,8 +180,8 @@ def evaluate(compensator: Compensator, runs: Sequence[Recording], *, compare: bo
     )
 
 
-def _evaluate_run(compensator: Compensator, run: Recording) -> tuple[RunResult, Trace]:
-    predicted = compensator.predict(run)
+def _evaluate_run(compensator: Compensator, run: Recording, offset_s: float | None) -> tuple[RunResult, Trace]:
+    predicted = compensator.predict(run, offset_s=offset_s)
     averaged = run.averaged(compensator.averaging_s, extra=predicted.astype(np.float64))
     raw = averaged.column(rate_name(run.gyro_column(compensator.gyro)))
     bias = averaged.column("bias_deg_h")

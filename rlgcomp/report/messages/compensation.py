@@ -13,10 +13,10 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
         return (
             "The interval is not known from these runs: their errors and their noise are zero. The span of the bias stands for it."
         )
-    if basis == "blocks" and number > 1:
+    if basis == "spread":
         return (
-            f"No run lies within the range of the others, so that the interval was calibrated on blocks of the {number} {parts}, "
-            f"each left out in turn. These {parts} do not show how {parts} differ: for another one no share is promised."
+            f"None of the {number} {parts} lies within the range of the others. The interval is their error extrapolated from each "
+            "other, each left out in turn: for another one no share is promised."
         )
     if number == 1:
         return (
@@ -29,14 +29,6 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
             "next, unless it resembles them."
         )
     return f"{calibrated}, and holds on average over {parts} of their kind."
-
-
-def _no_overlap(*, left_out_rms_deg_h: float | None, half_width_deg_h: float) -> str:
-    residual = "" if left_out_rms_deg_h is None else f"With each left out the residual is {left_out_rms_deg_h:.3g} deg/h. "
-    return (
-        f"No run lies within the range of the others. {residual}The interval of ± {half_width_deg_h:.3g} deg/h was calibrated on "
-        "blocks of runs, and does not show how runs differ. Add a run whose range overlaps with these."
-    )
 
 
 def _group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
@@ -94,7 +86,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "--averaging-s makes fewer rows; a graphics card is faster."
     ),
     "compensation.interval": _interval,
-    "compensation.no_overlap": _no_overlap,
+    "compensation.no_overlap": (
+        "No run lies within the range of the others: the interval of ± {half_width_deg_h:.3g} deg/h is how far they are off when "
+        "extrapolated from each other. Add a run whose range overlaps with these."
+    ),
     "compensation.interval_unknown": (
         "The interval is not known from these runs: their errors and their noise are zero. The span of the bias, "
         "{half_width_deg_h:.3g} deg/h, stands for it."
