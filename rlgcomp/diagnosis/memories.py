@@ -20,6 +20,7 @@ from rlgcomp.numerics.relays import relay_states
 Array = npt.NDArray[np.float64]
 Start = Literal["rested", "below", "above"]
 STARTS: Final[dict[Start, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0}
+_OTHER_HISTORY: Final = 0.25  # of a polishing step, from which on other histories are tried
 PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _SPREAD: Final = 10  # radii of a mean over plays
@@ -112,27 +113,43 @@ class Relays(Basis):
         In units of the driver's range.
     start : {"rested", "below", "above"}
         What was before the run: from where the driver came to its first value; rested, the nearer level decides.
-    widest : float
-        Dead band that is still the same cause.
+    narrowest, widest : float
+        Dead bands that are the same cause.
+    begins : tuple of (str, float)
+        Runs by name in which a single relay may have come from either side, and their first values.
+    opposite : tuple of str
+        Those of them in which its state at first is the other one than after a rest.
     """
 
     driver: Driver
     up: tuple[float, ...]
     down: tuple[float, ...]
     start: Start = "rested"
+    narrowest: float = 0.0
     widest: float = math.inf
+    begins: tuple[tuple[str, float], ...] = ()
+    opposite: tuple[str, ...] = ()
 
     def columns(self, run: Run) -> Array:
-        return relays(self.driver.values(run), np.array(self.up), np.array(self.down), self.start)
+        values, up, down = self.driver.values(run), np.array(self.up), np.array(self.down)
+        if run.name not in self.opposite:
+            return relays(values, up, down, self.start)
+        return relays(values, up, down, "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above")
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         found = []
         for move in (2.0 * step / priors.THRESHOLDS, -2.0 * step / priors.THRESHOLDS):
             up = tuple(level + move for level in self.up)
             found.append(dataclasses.replace(self, up=up, down=tuple(level + move for level in self.down)))
-            if self.down[0] <= up[0] <= self.down[0] + self.widest:
+            if self.narrowest <= up[0] - self.down[0] <= self.widest:
                 found.append(dataclasses.replace(self, up=up))
+        if step >= _OTHER_HISTORY:
+            found += [self._from_other_side(name) for name, first in self.begins if self.down[0] < first < self.up[0]]
         return tuple(found)
+
+    def _from_other_side(self, run: str) -> Self:
+        opposite = tuple(name for name, _ in self.begins if (name in self.opposite) != (name == run))
+        return dataclasses.replace(self, opposite=opposite)
 
     def parameters(self) -> dict[str, float]:
         centre, half = self.driver.centre, self.driver.half

@@ -164,25 +164,54 @@ def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[F
 
 
 def _hysteresis(setting: Setting) -> list[Family]:
-    driver, kin = setting.temperature, (Smooth(setting.thermal, 0.5, 8),)
-    up, down = plane(priors.RELAY_LEVELS, 1.0)
-    single = [(Relays(driver, (float(a),), (float(b),)),) for a, b in zip(up, down, strict=True)]
+    driver = setting.temperature
+    kin = Preisach(driver, 0.7, True, 1.0, priors.PREISACH_LEVELS), Smooth(setting.thermal, 0.5, 8)
+    single = [(relay,) for relay in _single_relays(setting)]
     families = _hysteresis_of(driver, setting.names, priors.PREISACH_LEVELS)
     return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
 
 
-def _more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+def _single_relays(setting: Setting) -> tuple[Relays, ...]:
+    driver = setting.temperature
+    begins = tuple((run.name, float(driver.values(run)[0])) for run in setting.data.runs)
     up, down = plane(priors.RELAY_LEVELS, 1.0)
+    narrowest = priors.NARROWEST_LOOP
+    return tuple(Relays(driver, (float(a),), (float(b),), "rested", narrowest, begins=begins) for a, b in zip(up, down, strict=True))
+
+
+def _more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    every = _single_relays(setting)
 
     def grow(form: Form) -> Iterator[Form]:
-        if len(form.lead) < priors.MOST_STEPS and all(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead):
-            share = form.log_share + math.log(priors.MORE_STEPS / len(up))
-            for a, b in zip(up, down, strict=True):
-                more = Relays(setting.temperature, (float(a),), (float(b),))
+        if sum(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead) < priors.MOST_STEPS:
+            share = form.log_share + math.log(priors.MORE_STEPS / len(every))
+            for more in every:
                 if more not in form.lead:
                     yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
     return grow
+
+
+def _with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
+    every = _single_relays(setting)
+
+    def absorb(form: Form, other: Form) -> Form | None:
+        relays = [basis for basis in other.lead if isinstance(basis, Relays) and len(basis.up) == 1]
+        if len(relays) < len(other.lead) or any(relay.driver != setting.temperature for relay in relays):
+            return None
+        own = [dataclasses.replace(every[0], up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
+        lead = tuple(dict.fromkeys((*form.lead, *own)))
+        share = form.log_share + (len(lead) - len(form.lead)) * math.log(priors.MORE_STEPS / len(every))
+        return dataclasses.replace(form, lead=lead, log_share=share) if len(lead) <= priors.MOST_STEPS else None
+
+    return absorb
+
+
+def _wide_enough(relay: Relays) -> float:
+    return min(relay.down[0], relay.up[0] - priors.NARROWEST_LOOP)
+
+
+_FLIGHT: Final = 2.0 / priors.THRESHOLDS  # of a ladder: were its dead bands wider than its steps, it would be a hysteresis
 
 
 def _hops(setting: Setting) -> list[Family]:
@@ -193,15 +222,16 @@ def _hops(setting: Setting) -> list[Family]:
     for band in priors.DEAD_BANDS:
         for start in tuple(STARTS) if band else ("rested",):
             single = [
-                (Relays(driver, (float(level),), (float(level - band),), start, priors.WIDEST_DEAD_BAND),)
+                (Relays(driver, (float(level),), (float(level - band),), start, widest=priors.WIDEST_DEAD_BAND),)
                 for level in levels
                 if start == "rested" or _begins_within(setting, level - band, level)
             ]
             families.append(
                 Family("b = step * relay(T; up at threshold, down at dead_band below)", single, kin, own=(Shift, Glitch))
             )
-        ladders = [(Relays(driver, tuple(levels.tolist()), tuple((levels - band).tolist())),)]
-        families.append(Family("b = ladder of relays of T, each with a level of its own", ladders, kin))
+        if band < _FLIGHT:
+            ladders = [(Relays(driver, tuple(levels.tolist()), tuple((levels - band).tolist())),)]
+            families.append(Family("b = ladder of relays of T, each with a level of its own", ladders, kin))
     return families
 
 
@@ -349,6 +379,7 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
 
 
 _GROW: Final = {"thermal_hysteresis": _more_relays, "thermal_lag": _more_lags, "mode_hop": _more_hops}
+_ABSORB: Final = {"thermal_hysteresis": _with_relays}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
 
@@ -373,7 +404,7 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
         if name in present or not mechanism.is_candidate("chamber"):
             continue
         if "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}:
-            yield Region(name, name, _NAMED, (), (), "none", None, _lines(setting, name))
+            yield Region(name, name, _NAMED, (), (), "none", propose=_lines(setting, name))
         elif name in _THERMAL:
             builder, memory = _THERMAL[name]
             if memory != "none" and not setting.has_thermometer:
@@ -384,7 +415,8 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
                 drivers = mechanism.drivers
             if forms:
                 grow = _GROW[name](setting) if name in _GROW else None
-                yield Region(name, name, _NAMED, forms, drivers, memory, grow)  # type: ignore[arg-type]
+                absorb = _ABSORB[name](setting) if name in _ABSORB else None
+                yield Region(name, name, _NAMED, forms, drivers, memory, grow, absorb)  # type: ignore[arg-type]
         elif mechanism().amplitude_parameters():
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers

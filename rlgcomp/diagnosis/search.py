@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -174,6 +174,7 @@ class Search:
             best = max(self.visited.values(), key=lambda state: state.log_posterior)
             for k in range(len(best.members)):
                 fewer = self.converged((*best.members[:k], *best.members[k + 1 :]))
+                self._absorbed(fewer, best.members[k])
                 others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
                 for child in others[:3]:
                     if child.key not in self.visited and child.log_posterior > best.log_posterior - _WITHIN:
@@ -204,6 +205,15 @@ class Search:
             members = (*members, named.members[-1])
         if frozenset(member.form.region for member in members) not in {key for key, _ in self.visited}:
             self.refined(self.converged(members, fewer.noise))
+
+    def _absorbed(self, state: State, dropped: Member) -> None:
+        """A set whose members take up the leading bases of one that was dropped, where these may be of their cause as well."""
+        for k, member in enumerate(state.members):
+            absorb = self.regions[member.form.region].absorb
+            form = None if absorb is None else absorb(member.form, dropped.form)
+            if form is not None and self.bank.scaled(form) is not None:
+                members = (*state.members[:k], Member(form, member.size), *state.members[k + 1 :])
+                self.refined(self.converged(members, state.noise))
 
     # --- a two-state process beside a set ----------------------------------------------------------------------------------------
 
@@ -327,7 +337,7 @@ class Search:
             log_point, form, strength, likeliest = max(options, key=lambda option: option[0])
             volume = _log_sum(sums[key]) - log_point
             children.append(State((*state.members, Member(form, strength)), likeliest, log_point, volume + state.log_volume))
-        if every:
+        if every and children:
             top = max(child.log_posterior for child in children)
             near = [child for child in children if child.log_posterior > top - _NEAR]
             self._near |= {child.members[-1].form.region for child in near}
@@ -487,17 +497,31 @@ class Search:
         found = [self._polished(*best, given)[1]]
         grow = region.grow
         if grow is not None and (state.noise != white or self._switches(own.form) or not region.forms):
-            wanted = np.array([form.region == region.key and next(iter(grow(form)), None) is not None for form in self.forms])
-            first = self._best_of_region(region, given, white, wanted) if region.forms else best
-            if first is not None:
-                value, member = self._polished(*first, given)
-                while True:
-                    more = self._likeliest(given, self._promising(grow(member.form), (*others, member), white)) or (value, member)
-                    if more[0] <= value + _WORTH_MORE:
-                        break
-                    value, member = self._polished(*more, given, last=True)
-                found.append(self._polished(value, member, given)[1])
+            found += [self._grown_from(first, grow, others, white) for first in self._seeds(region, best, given, white)]
         return found
+
+    def _seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
+        """From what a form grows: the likeliest that can, and the likeliest of those that have a threshold."""
+        if not region.forms:
+            return [best]
+        assert region.grow is not None  # noqa: S101
+        can = np.array([form.region == region.key and next(iter(region.grow(form)), None) is not None for form in self.forms])
+        switches = np.array([self._switches(form) for form in self.forms])
+        seeds = (self._best_of_region(region, given, noise, wanted) for wanted in (can, can & switches))
+        return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
+
+    def _grown_from(
+        self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise
+    ) -> Member:
+        """A form with leading bases more, one by one as long as each is worth it."""
+        given = self.evidence(noise).given(others)
+        value, member = self._polished(*first, given)
+        while True:
+            more = self._likeliest(given, self._promising(grow(member.form), (*others, member), noise)) or (value, member)
+            if more[0] <= value + _WORTH_MORE:
+                break
+            value, member = self._polished(*more, given, last=True)
+        return self._polished(value, member, given)[1]
 
     def _switches(self, form: Form) -> bool:
         """Whether its leading bases have thresholds."""

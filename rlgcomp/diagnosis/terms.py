@@ -91,6 +91,8 @@ class Region:
     memory : str
     grow : callable, optional
         Richer forms of the same region about a form that was found.
+    absorb : callable, optional
+        A form of this region with the leading bases of another region's form as well; None where these are of another cause.
     propose : callable, optional
         Forms that a residual suggests, where there are too many to try all; it is whitened window means of all runs.
     nuisance : bool
@@ -104,6 +106,7 @@ class Region:
     drivers: tuple[str, ...] = ()
     memory: MemoryClass = "static"
     grow: Callable[[Form], Iterable[Form]] | None = None
+    absorb: Callable[[Form, Form], Form | None] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False
 
