@@ -1,4 +1,4 @@
-"""What makes the one model fast leaves its numbers as they are: kept hashes, joined chains, a run with another column."""
+"""What makes the one model fast leaves its numbers as they are; and how a hysteresis of relays grows."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis.data import Grid, Run
+import rlgcomp as rlg
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.memories import Plays, Relays
+from rlgcomp.diagnosis.memories import Plays, Preisach, Relays
+from rlgcomp.diagnosis.regions import Setting, named
 from rlgcomp.diagnosis.telegraph import two_state
+from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.simulation.simulator import Simulator
 
 
@@ -45,3 +49,52 @@ def test_a_run_with_another_column_keeps_only_what_does_not_follow_it() -> None:
     assert Path(block).values(other) == pytest.approx(before[1] + 1.0)
     assert other.binned.column("temperature_block_degC") == pytest.approx(run.binned.column("temperature_block_degC") + 1.0)
     assert plays.columns(other) == pytest.approx(before[0], abs=1e-9)
+
+
+def hysteresis_of(simulator: Simulator) -> tuple[Region, Run]:
+    """The region of hysteresis over one run, and the run."""
+    recording = simulator.simulate("start 20, hold 20, ramp 40 1, ramp -10 1, ramp 60 1, hold 20", seed=1, step_s=10.0)
+    run = Run.of(recording, Grid.of([recording]), lambda binned: binned.rate_deg_h())
+    data = Data((run,))
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    return next(named(setting, {"thermal_hysteresis": rlg.CATALOGUE["thermal_hysteresis"]}, ())), run
+
+
+@pytest.fixture(scope="module")
+def hysteresis() -> tuple[Region, Run]:
+    return hysteresis_of(Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}))
+
+
+def test_a_relay_that_has_not_switched_yet_may_have_come_from_either_side(hysteresis: tuple[Region, Run]) -> None:
+    region, run = hysteresis
+    single = [form for form in region.forms if isinstance(form.lead[0], Relays) and len(form.lead[0].up) == 1]
+    first = next(iter(single)).lead[0].begins[0][1]
+    undecided = [form.lead[0] for form in single if form.lead[0].down[0] < first < form.lead[0].up[0]]
+    assert undecided
+    for relay in undecided:
+        (other,) = (moved for moved in relay.nearby(0.5) if moved.opposite)
+        one, opposite = relay.columns(run)[:, 0], other.columns(run)[:, 0]
+        assert {one[0], opposite[0]} == {0.0, 1.0}
+        values = relay.driver.values(run)
+        switched = np.flatnonzero((values >= relay.up[0]) | (values <= relay.down[0]))
+        if len(switched):
+            assert one[switched[0] + 1 :] == pytest.approx(opposite[switched[0] + 1 :])
+        assert any(not moved.opposite for moved in other.nearby(0.5) if moved.up == other.up)
+        assert not any(moved.opposite for moved in relay.nearby(0.05))
+
+
+def test_a_hysteresis_takes_up_a_hop_as_a_relay_that_is_wide_enough(hysteresis: tuple[Region, Run]) -> None:
+    region, _ = hysteresis
+    assert region.absorb is not None
+    smooth = next(form for form in region.forms if isinstance(form.lead[0], Preisach))
+    driver = smooth.lead[0].driver
+    hop = Form("mode_hop", "a hop", (Relays(driver, (0.3,), (0.25,)),))
+    both = region.absorb(smooth, hop)
+    assert both is not None
+    assert both.lead[:-1] == smooth.lead
+    relay = both.lead[-1]
+    assert isinstance(relay, Relays)
+    assert relay.up == (0.3,)
+    assert relay.up[0] - relay.down[0] == pytest.approx(priors.NARROWEST_LOOP)
+    assert region.absorb(smooth, smooth) is None
+    assert region.absorb(smooth, dataclasses.replace(hop, lead=(Relays(Driver(("other",)), (0.3,), (0.25,)),))) is None

@@ -57,8 +57,8 @@ DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)
 """Dead bands of a relay over half the driver's range."""
 NARROWEST_LOOP: Final = 0.14
 WIDEST_DEAD_BAND: Final = 0.17
-"""Over half the driver's range: a relay with a wider dead band is part of a hysteresis, whose relays are laid a twelfth of the range
-apart, one with a narrower one than the first is a mode hop. Between them it may be either, for a range is that of the runs."""
+"""Over half the driver's range: a relay with a wider dead band is part of a hysteresis, whose relays are laid a twelfth of the
+range apart; one with a narrower one than the first is a mode hop. Between them it may be either: a range is that of the runs."""
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
 PREISACH_LEVELS: Final = 44

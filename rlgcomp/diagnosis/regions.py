@@ -175,8 +175,8 @@ def _single_relays(setting: Setting) -> tuple[Relays, ...]:
     driver = setting.temperature
     begins = tuple((run.name, float(driver.values(run)[0])) for run in setting.data.runs)
     up, down = plane(priors.RELAY_LEVELS, 1.0)
-    narrowest = priors.NARROWEST_LOOP
-    return tuple(Relays(driver, (float(a),), (float(b),), "rested", narrowest, begins=begins) for a, b in zip(up, down, strict=True))
+    one = Relays(driver, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=begins)
+    return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
 
 
 def _more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:

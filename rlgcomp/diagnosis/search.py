@@ -510,9 +510,7 @@ class Search:
         seeds = (self._best_of_region(region, given, noise, wanted) for wanted in (can, can & switches))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
-    def _grown_from(
-        self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise
-    ) -> Member:
+    def _grown_from(self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise) -> Member:
         """A form with leading bases more, one by one as long as each is worth it."""
         given = self.evidence(noise).given(others)
         value, member = self._polished(*first, given)
