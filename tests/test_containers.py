@@ -186,6 +186,33 @@ def test_mdf(tmp_path: Path) -> None:
     assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
 
 
+@pytest.mark.parametrize("mixed", [False, True])
+def test_mcap_of_its_own_library(tmp_path: Path, mixed: bool) -> None:
+    """Messages of a type that the file defines; beside messages in JSON it is refused, which the library for bags cannot read."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    ros = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        bag = ros.Writer(stream)
+        schema = bag.register_msgdef("my_msgs/msg/Gyro", "float64 x\nfloat64 y\nfloat64 z\nstring note")
+        for k in range(ROWS):
+            at = 10**17 + k * 10**8
+            values = dict(zip("xyz", RATES[k].tolist(), strict=True)) | {"note": "fine"}
+            bag.write_message("/gyro", schema, values, log_time=at, publish_time=at)
+        if mixed:
+            words = bag._writer.register_schema("words", "jsonschema", b"{}")
+            bag._writer.add_message(bag._writer.register_channel("/log", "json", words), 10**17, b'{"a": 1}', 10**17)
+        bag.finish()
+    mapping = {"time_s": "time", "gyro_x_deg_h": "x", "gyro_z_deg_h": "z"}
+    if mixed:
+        with pytest.raises(rlg.InputError, match="of the encoding 'jsonschema', which is none of ROS"):
+            rlg.read(path, columns=mapping)
+        return
+    run = rlg.read(path, columns=mapping)
+    expect(run)
+    assert by_code(run.findings)["left_out"].message.data["names"] == ["gyro/note"]
+
+
 def ulog_of(topics: dict[str, tuple[list[str], np.ndarray]]) -> bytes:
     """A ULog file of topics of doubles, after PX4's specification of the format."""
 
@@ -214,12 +241,14 @@ def test_ulog(tmp_path: Path) -> None:
     assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
 
 
-@pytest.mark.parametrize("version", [1, 2])
-def test_bags_of_ros(tmp_path: Path, version: int) -> None:
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize("storage", [".bag", ".db3", ".mcap"])
+def test_bags_of_ros(tmp_path: Path, storage: str, alone: bool) -> None:
     pytest.importorskip("rosbags", reason="rosbags is not installed")
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
+    version = 1 if storage == ".bag" else 2
     store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
     types = store.types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
@@ -234,7 +263,8 @@ def test_bags_of_ros(tmp_path: Path, version: int) -> None:
         )
 
     path = tmp_path / ("a.bag" if version == 1 else "bag")
-    writer = rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=9)
+    plugin = rosbag2.StoragePlugin.MCAP if storage == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+    writer = rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=9, storage_plugin=plugin)
     with writer as bag:
         connection = bag.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
         for k in range(ROWS):
@@ -244,11 +274,15 @@ def test_bags_of_ros(tmp_path: Path, version: int) -> None:
                 else store.serialize_cdr(imu(k), connection.msgtype)
             )
             bag.write(connection, 10**17 + k, raw)
-    file = path if version == 1 else next(path.glob("*.db3"))
+    file = path if version == 1 else next(path.glob(f"*{storage}"))
+    if alone and version == 2:
+        (path / "metadata.yaml").unlink()
     mapping = {"time_s": "time", "gyro_x_deg_h": "angular_velocity.x", "gyro_z_deg_h": "angular_velocity.z"}
     run = rlg.read(file, columns=mapping)
     expect(run)
-    assert by_code(run.findings)["dates"].message.data["first"].startswith("2021-01-20T22:09:43")
+    found = by_code(run.findings)
+    assert found["dates"].message.data["first"].startswith("2021-01-20T22:09:43")
+    assert "imu/header.frame_id" in found["left_out"].message.data["names"]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".feather", ".xlsx", ".tdms", ".mf4", ".ulg", ".bag"])
@@ -264,6 +298,32 @@ def test_no_bytes_make_a_traceback(tmp_path_factory: pytest.TempPathFactory, suf
         with pytest.raises(rlg.InputError):
             rlg.read(path)
     gc.collect()  # here, where what such a library left open is expected
+
+
+def test_what_no_container_could_give_is_named(tmp_path: Path) -> None:
+    """One row alone, words and objects: named with their groups."""
+    nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        channels = [
+            nptdms.ChannelObject("imu", name, values) for name, values in (("time", TIME), ("wx", RATES[:, 0]), ("wz", RATES[:, 2]))
+        ]
+        writer.write_segment([*channels, nptdms.ChannelObject("imu", "note", np.array(["fine"] * 3))])
+    expect(run := rlg.read(tmp_path / "a.tdms", columns={"time_s": "time", "gyro_x_deg_h": "wx", "gyro_z_deg_h": "wz"}))
+    assert by_code(run.findings)["left_out"].message.data["names"] == ["imu/note"]
+    asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(RATES[:, k].copy(), TIME, name=f"w{axis}", unit="deg/h") for k, axis in enumerate("xyz")])
+        file.append([asammdf.Signal(np.array([b"fine"] * 5), TIME[:5], name="note", encoding="utf-8")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    expect(run := rlg.read(tmp_path / "a.mf4", columns={"time_s": "time", "gyro_x_deg_h": "wx", "gyro_z_deg_h": "wz"}))
+    assert by_code(run.findings)["left_out"].message.data["names"] == ["group 1/note"]
+    pytest.importorskip("pyulog", reason="pyulog is not installed")
+    content = ulog_of(
+        {"sensor_gyro": (["x", "y", "z"], np.column_stack([TIME, RATES])), "once": (["value"], np.array([[1.0, 2.0]]))}
+    )
+    (tmp_path / "a.ulg").write_bytes(content)
+    expect(run := rlg.read(tmp_path / "a.ulg", columns={"time_s": "timestamp", "gyro_x_deg_h": "x", "gyro_z_deg_h": "z"}))
+    assert by_code(run.findings)["left_out"].message.data["names"] == ["once/timestamp", "once/value"]
 
 
 def test_recordings_are_not_written_in_formats_that_are_only_read(tmp_path: Path) -> None:

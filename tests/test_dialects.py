@@ -446,3 +446,33 @@ def test_advice_names_the_files_own_column(tmp_path: Path) -> None:
     with pytest.raises(rlg.InputError, match=r"--map temperature_block_degC='T1 \[K\]'"):
         rlg.read(path, columns=own | {"time_s": "clock [ms]"})
     expect(rlg.read(path, columns=own | {"time_s": "clock [ms]", "temperature_block_degC": "T1 [K]"}))
+
+
+@pytest.mark.parametrize("x", ["One", "No"])
+@pytest.mark.parametrize("decimal", [".", ","])
+@pytest.mark.parametrize("restart", [False, True])
+def test_labview_with_several_headings(tmp_path: Path, restart: bool, decimal: str, x: str) -> None:
+    """Each of three segments has a header; where their times begin again, the dates of the headers place them."""
+    lines = [
+        LVM.format(decimal=decimal, x=x).replace("Multi_Headings\tNo", "Multi_Headings\tYes").split("Channels")[0].rstrip("\n")
+    ]
+    for first in range(0, ROWS, 100):
+        began = f"14:{37 + first // 60}:{first % 60:02d}{decimal}250"
+        at = 0 if restart else first
+        lines += ["Channels\t2\t\t", "Samples\t100\t100\t", "Date\t2024/03/11\t2024/03/11\t", f"Time\t{began}\t{began}\t"]
+        lines += ["Y_Unit_Label\tdeg/h\tDeg C\t", "X_Dimension\tTime\tTime\t", f"X0\t{at}{decimal}0\t{at}{decimal}0\t"]
+        lines += [f"Delta_X\t1{decimal}000000\t1{decimal}000000\t", "***End_of_Header***\t\t\t", "X_Value\tGyro\tBlock\tComment"]
+        stamp = (lambda k, at=at, first=first: f"{at + k - first}{decimal}000") if x == "One" else (lambda k: "")
+        lines += [*rows("\t", decimal, stamp, "\t")[first : first + 100], ""]
+    mapping = {"time_s": "X_Value", "gyro_deg_h": "Gyro", "temperature_block_degC": "Block"}
+    found = expect(rlg.read(written(tmp_path / "run.lvm", "\n".join(lines) + "\n"), columns=mapping))
+    assert found["repeated_header"].message.data["rows"] == 2 * 10
+    assert ("segments" in found) == restart
+
+
+def test_segments_without_dates_that_begin_again_are_refused(tmp_path: Path) -> None:
+    head = LVM.format(decimal=".", x="One").replace("Multi_Headings\tNo", "Multi_Headings\tYes")
+    again = "Channels\t2\t\nX0\t0.0\t0.0\t\n***End_of_Header***\t\t\nX_Value\tGyro\tBlock\tComment\n"
+    text = head + "\n".join(rows("\t", end="\t")) + "\n" + again + "\n".join(rows("\t", end="\t")) + "\n"
+    with pytest.raises(rlg.InputError, match="2 segments whose times begin again, and not all of their headers have a date"):
+        rlg.read(written(tmp_path / "run.lvm", text), columns={"time_s": "X_Value", "gyro_deg_h": "Gyro"})

@@ -207,3 +207,23 @@ def test_the_command(tmp_path: Path) -> None:
     assert runner.invoke(app, ["merge", *files, *mapping, "--out", str(foreign), "--overwrite"]).exit_code == 0
     refused = runner.invoke(app, ["merge", files[0], files[0], "--out", files[0]])
     assert refused.exit_code == 2
+
+
+def test_a_period_for_the_one_without_time(tmp_path: Path) -> None:
+    """The gyro's rows have no time: their period is stated, and the thermometers keep their own clock."""
+    runner, at = CliRunner(), np.arange(0.0, 601.0, 10.0)
+    gyro = pd.DataFrame({"gyro_deg_h": np.random.default_rng(1).standard_normal(600)})
+    gyro.to_csv(tmp_path / "gyro.csv", index=False)
+    pd.DataFrame({"time_s": at, "temperature_block_degC": 20.0 + at / 100.0}).to_csv(tmp_path / "block.csv", index=False)
+    files = [str(tmp_path / "gyro.csv"), str(tmp_path / "block.csv"), "--offset-s", "0", "--out", str(tmp_path / "run.parquet")]
+    refused = runner.invoke(app, ["merge", *files])
+    assert refused.exit_code == 2
+    assert "--period-s" in refused.output
+    assert runner.invoke(app, ["merge", *files, "--period-s", "1"]).exit_code == 0
+    run = rlg.read(tmp_path / "run.parquet")
+    assert run.time_s == pytest.approx(np.arange(600.0))
+    assert run.column("temperature_block_degC") == pytest.approx(20.0 + np.arange(600.0) / 100.0, abs=1e-9)
+    gyro.assign(time_s=np.arange(600.0)).to_csv(tmp_path / "gyro.csv", index=False)
+    refused = runner.invoke(app, ["merge", *files, "--period-s", "1", "--overwrite"])
+    assert refused.exit_code == 2
+    assert "both have a column time_s" in refused.output

@@ -189,5 +189,5 @@ def test_a_recording_is_no_sequence_of_columns() -> None:
 def test_a_unit_of_xarray_that_contradicts_the_name_is_refused() -> None:
     xarray = pytest.importorskip("xarray", reason="xarray is not installed")
     own = {"gyro_deg_h": ("time_s", RATE / 3600.0, {"units": "deg/s"})}
-    with pytest.raises(rlg.InputError, match="gyro_deg_h is in deg/h by its name and in deg/s"):
+    with pytest.raises(rlg.InputError, match="gyro_deg_h is in deg/h by its name and in deg/s by its attribute units"):
         rlg.recording(xarray.Dataset(own, coords={"time_s": TIME}))

@@ -82,6 +82,9 @@ def merge(
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
+    period_s: Annotated[
+        float | None, typer.Option("--period-s", help="Sample period, of those of the two that have no time column.")
+    ] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
@@ -103,7 +106,7 @@ def merge(
         pair = (own.strip(), theirs.strip() if equals else own.strip())
         if not all(pair):
             raise InputError(f"--shared {shared!r}: expected COLUMN of RUN=COLUMN of OTHER")
-    first, second = _read_both(run, other, mapping, drop, pulse_arcsec)
+    first, second = _read_both(run, other, mapping, drop, pulse_arcsec, period_s)
     merged = merge_recordings(first, second, offset_s=offset_s, drift_ppm=drift_ppm, shared=pair, averaging_s=averaging_s)
     findings = merged.findings
     write(merged, out, overwrite=overwrite)
@@ -115,21 +118,30 @@ def merge(
     notify(f"{out}: {len(merged)} rows, {', '.join(merged.columns)}")
 
 
-def _read_both(run: Path, other: Path, mapping: list[str] | None, drop: list[str] | None, pulse_arcsec: float | None) -> list[Any]:
-    """Both files, with what of the mapping and of the columns to drop each has."""
+def _read_both(
+    run: Path, other: Path, mapping: list[str] | None, drop: list[str] | None, pulse_arcsec: float | None, period_s: float | None
+) -> list[Any]:
+    """Both files, with what of the mapping and of the columns to drop each has, and a period where it has no time."""
+    from rlgcomp.errors import InputError
+    from rlgcomp.recording import TIME
     from rlgcomp.recording.formats import column_names, read
     from rlgcomp.recording.formats.mapping import has_column, parse_mapping, require_droppable, require_mapped
 
     columns = parse_mapping(list(mapping or []))
     names = {path: column_names(path) for path in (run, other)}
     require_mapped(columns, names)
+    own = {path: {target: source for target, source in columns.items() if has_column(names[path], source)} for path in names}
+    timed = {path: TIME in own[path] or (TIME in names[path] and TIME not in (drop or [])) for path in names}
+    if period_s is not None and all(timed.values()):
+        raise InputError(f"--period-s is for a file without time stamps; {run.name} and {other.name} both have a column {TIME}")
     require_droppable(drop or [], [*names[run], *names[other]], f"{run.name} and {other.name}")
     return [
         read(
             path,
-            columns={target: source for target, source in columns.items() if has_column(names[path], source)},
+            columns=own[path],
             drop=[column for column in drop or [] if column in names[path]],
             metadata={"pulse_arcsec": pulse_arcsec},
+            period_s=None if timed[path] else period_s,
             gyro_required=path is run,
         )
         for path in (run, other)

@@ -81,6 +81,7 @@ def recording(
         columns=mapping,
         drop=drop,
         file_units=_units(data),
+        stated_by="its attribute units",
         period_s=period_s,
         simulated=simulated,
     )

@@ -95,6 +95,7 @@ def read(
         period_s=period_s,
         simulated=simulated,
         file_units=file_units,
+        stated_by="the row of units" if form in (csv, excel) else "the unit stated in the file",
         reading=reading,
         gyro_required=gyro_required,
     )
@@ -111,6 +112,7 @@ def recording_of(
     period_s: Any = None,
     simulated: bool = False,
     file_units: Mapping[str, str] | None = None,
+    stated_by: str = "the row of units",
     reading: tuple[Finding, ...] = (),
     gyro_required: bool = True,
 ) -> Recording:
@@ -134,6 +136,8 @@ def recording_of(
         The gyro was simulated.
     file_units : mapping of str to str, optional
         Units that the file states for its own names.
+    stated_by : str
+        Where those units stand, for messages.
     reading : tuple of Finding
         Findings of reading the file.
     gyro_required : bool
@@ -148,7 +152,7 @@ def recording_of(
     require_droppable(drop, table.columns, name)
     table = table.drop(columns=list(drop))
     own = list(map(str, table.columns))
-    table, stated_units = apply_mapping(table, columns, name=name, file_units=file_units)
+    table, stated_units = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
     if period_s is not None:
         table = _with_time(table, period_s, name)
     if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):

@@ -50,13 +50,17 @@ def load(path: Path) -> Contents:
         written = _dialect(path)
         if not written.names:
             raise InputError(_no_table(path, written))
-        table, findings = tidied(_pandas(path, written), written, path)
+        raw, joins = _pandas(path, written), ()
+        if written.segments:
+            raw, joins = labview.joined(raw, written, path)
+            written = dataclasses.replace(written, clock=None) if joins else written
+        table, findings = tidied(raw, written, path)
     except pd.errors.EmptyDataError:
         raise InputError(f"{path} is empty: no header and no rows") from None
     except _DAMAGED as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
     above = " | ".join(line.strip() for line in written.above if line.strip() and not line.startswith("#"))
-    return Contents(table, {"above_the_header": above} if above else {}, written.units, written.findings + findings)
+    return Contents(table, {"above_the_header": above} if above else {}, written.units, written.findings + joins + findings)
 
 
 def header(path: Path) -> list[str]:
@@ -185,6 +189,8 @@ def tidied(table: pd.DataFrame, written: Dialect, path: str | Path, *, first: in
     """
     findings = []
     names = names_of(written, path)
+    if written.segments and table.iloc[:, 0].astype(str).str.startswith(labview.END).any():
+        raise InputError(f"{path}: has several headings, which are joined only where the file is read whole; read it whole")
     padding = [name for name in names[len(names) - written.padded :] if name in table] if written.padded else []
     if any(table[name].notna().any() for name in padding):
         raise InputError(

@@ -63,6 +63,8 @@ class Dialect:
         Entries of the rows between names and numbers: where they come again, they are no numbers either.
     clock : tuple of str, float and float, optional
         Name, first value and step of a column that is empty in the rows.
+    segments : bool
+        Further headers may stand between the rows.
     decimal_seen : bool
         Whether a number showed the decimal sign.
     padded : int
@@ -84,6 +86,7 @@ class Dialect:
     clock: tuple[str, float, float] | None = None
     padded: int = 0
     surplus: int = 0
+    segments: bool = False
     decimal_seen: bool = True
     encoding: str = "utf-8"
 

@@ -1,13 +1,21 @@
 """LabVIEW measurement files (.lvm): two headers of keys and values, a line of names, and the numbers.
 
+With several headings each further segment has a header of its own between the rows, with the date on which it began.
+
 After National Instruments, *Specification for the LabVIEW Measurement File (.lvm)*, tutorial 4139.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
+import numpy as np
+import pandas as pd
+
+from rlgcomp.errors import InputError
 from rlgcomp.recording import Finding
 from rlgcomp.recording.formats.dialect import Dialect
 from rlgcomp.report.messages import message
@@ -16,6 +24,7 @@ from rlgcomp.units import is_unit
 MAGIC: Final = "LabVIEW Measurement"
 END: Final = "***End_of_Header***"
 X: Final = "X_Value"
+_KEY: Final = re.compile(r"\*\*\*End_of_Header\*\*\*|[A-Za-z]\w*$")  # the first entry of lines of a header
 
 
 def is_labview(lines: Sequence[str]) -> bool:
@@ -49,6 +58,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect | None:
         tuple(lines[:at]),
         plain=False,
         findings=tuple(findings),
+        segments=file_header.get("Multi_Headings", ["No"])[0] == "Yes",
         clock=_clock(segment, decimal) if file_header.get("X_Columns", ["One"])[0] == "No" and X in names else None,
     )
 
@@ -67,6 +77,56 @@ def _units(names: Sequence[str], segment: dict[str, list[str]], *, multiple: boo
     if not multiple and X in names and segment.get("X_Dimension", [""])[0] == "Time":
         stated[X] = "s"
     return stated
+
+
+def joined(table: pd.DataFrame, written: Dialect, path: Path) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+    """Rows of all segments without the headers between them, at times that the dates of the segments state.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        As read, in the order of the file.
+    written : Dialect
+    path : Path
+        Named in messages.
+
+    Raises
+    ------
+    InputError
+        A segment begins again, and the headers do not say when.
+    """
+    key = table.iloc[:, 0].astype(str).str.strip()
+    inside = (key.str.match(_KEY) & table.iloc[:, 0].notna()).to_numpy()
+    if not inside.any():
+        return table, ()
+    number = np.cumsum(np.r_[False, inside[1:] & ~inside[:-1]])[~inside]  # segment of each row
+    heads = [_values(written.above, written.separator)]
+    rows = pd.DataFrame({"key": key[inside], "value": table[inside].iloc[:, 1].astype(str)})
+    block = np.cumsum(np.diff(np.flatnonzero(inside), prepend=-2) > 1)
+    heads += [dict(zip(one["key"], one["value"].map(lambda value: [value]), strict=True)) for _, one in rows.groupby(block)]
+    rest = table[~inside].reset_index(drop=True)
+    about = [Finding("repaired", message("recording.repeated_header", rows=int(inside.sum())), None, int(inside.argmax()))]
+    if X not in rest:
+        return rest, tuple(about)
+    x = pd.to_numeric(rest[X].astype(str).str.replace(",", ".", regex=False), errors="coerce").to_numpy(dtype=np.float64)
+    stated = [_clock(head, written.decimal) for head in heads]
+    if written.clock is not None:
+        place = np.arange(len(rest)) - np.searchsorted(number, number)
+        first, step = (np.array([one[k] if one else np.nan for one in stated])[number] for k in (1, 2))
+        x = first + step * place
+    if (np.diff(x) <= 0.0).any():
+        try:
+            began = [pd.Timestamp(f"{head['Date'][0]} {head['Time'][0].replace(',', '.')}") for head in heads]
+            zero = np.array([one[1] if one else 0.0 for one in stated])
+        except (KeyError, IndexError, ValueError):
+            raise InputError(
+                f"{path}: has {len(heads)} segments whose times begin again, and not all of their headers have a date; write "
+                "it with one heading, or each segment as a file"
+            ) from None
+        since_s = np.array([(one - began[0]).total_seconds() for one in began])
+        x = x + (since_s - zero + zero[0])[number]
+        about.append(Finding("repaired", message("recording.segments", segments=len(heads), first=began[0].isoformat()), X))
+    return rest.assign(**{X: x}), tuple(about)
 
 
 def _clock(segment: dict[str, list[str]], decimal: str) -> tuple[str, float, float] | None:

@@ -45,7 +45,12 @@ class Source(NamedTuple):
 
 
 def apply_mapping(
-    table: pd.DataFrame, mapping: Mapping[str, str], *, name: str, file_units: Mapping[str, str] | None = None
+    table: pd.DataFrame,
+    mapping: Mapping[str, str],
+    *,
+    name: str,
+    file_units: Mapping[str, str] | None = None,
+    stated_by: str = "the row of units",
 ) -> tuple[pd.DataFrame, frozenset[str]]:
     """Rename and convert columns.
 
@@ -61,6 +66,8 @@ def apply_mapping(
         Of the file, for messages.
     file_units : mapping of str to str, optional
         Units that the file states for its own names.
+    stated_by : str
+        Where they stand, for the message.
 
     Returns
     -------
@@ -95,7 +102,7 @@ def apply_mapping(
         wanted = units.column_unit(column)
         if column in table.columns and column not in names and wanted is not None and not _same_unit(unit, wanted):
             raise InputError(
-                f"{name}: {column} is in {wanted} by its name and in {unit} by the row of units; state which is right: "
+                f"{name}: {column} is in {wanted} by its name and in {unit} by {stated_by}; state which is right: "
                 f"--map {column}='{column} [{unit}]' or --map {column}='{column} [{wanted}]'"
             )
     clashes = [target for target in converted if target in table.columns and target not in names]

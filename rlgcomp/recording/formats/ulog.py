@@ -24,14 +24,17 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
     except ImportError:
         raise InputError(f"{path}: ULog files need pyulog: pip install 'rlgcomp[ulog]'") from None
     channels: list[Channel] = []
+    passed_over: list[str] = []
     try:
         with path.open("rb") as stream:
             log = ULog(stream)
         for topic in log.data_list:
             group = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name
             for name, values in topic.data.items():
-                if len(values) > 1:
+                if len(values) < 2 or np.asarray(values).dtype.kind not in "fiu":
+                    passed_over.append(f"{group}/{name}")
+                else:
                     channels.append(Channel(group, name, np.asarray(values), "us" if name == "timestamp" else None))
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as ULog: {(str(error).splitlines() or ['damaged'])[0]}") from None
-    return contents_of(channels, path, (), wanted)
+    return contents_of(channels, path, passed_over, wanted)

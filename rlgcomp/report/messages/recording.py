@@ -223,6 +223,9 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.no_names": _no_names,
     "recording.units_row": _units_row,
     "recording.repeated_header": "{rows} rows repeat the names or units of the columns, left out",
+    "recording.segments": (
+        "{segments} segments begin again at their first time: placed by the dates of their headers, from {first} on"
+    ),
     "recording.empty_time": "every value is missing (NaN); mend the file",
     # columns and entries
     "recording.left_out": _left_out,
