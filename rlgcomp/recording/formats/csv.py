@@ -50,7 +50,8 @@ def load(path: Path) -> Contents:
         written = _dialect(path)
         if not written.names:
             raise InputError(_no_table(path, written))
-        raw, joins = _pandas(path, written), ()
+        raw = _pandas(path, written)
+        joins: tuple[Finding, ...] = ()
         if written.segments:
             raw, joins = labview.joined(raw, written, path)
             written = dataclasses.replace(written, clock=None) if joins else written
