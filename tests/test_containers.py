@@ -200,8 +200,9 @@ def test_mcap_of_its_own_library(tmp_path: Path, mixed: bool) -> None:
             values = dict(zip("xyz", RATES[k].tolist(), strict=True)) | {"note": "fine"}
             bag.write_message("/gyro", schema, values, log_time=at, publish_time=at)
         if mixed:
-            words = bag._writer.register_schema("words", "jsonschema", b"{}")
-            bag._writer.add_message(bag._writer.register_channel("/log", "json", words), 10**17, b'{"a": 1}', 10**17)
+            inner = vars(bag)["_writer"]  # the writer of the format itself
+            words = inner.register_schema("words", "jsonschema", b"{}")
+            inner.add_message(inner.register_channel("/log", "json", words), 10**17, b'{"a": 1}', 10**17)
         bag.finish()
     mapping = {"time_s": "time", "gyro_x_deg_h": "x", "gyro_z_deg_h": "z"}
     if mixed:

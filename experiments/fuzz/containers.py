@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -72,18 +73,26 @@ def _ulog(path: Path, table: pd.DataFrame) -> None:
 
 
 def _rosbag(path: Path, table: pd.DataFrame) -> None:
-    """Temperatures of ROS 1."""
-    from rosbags import rosbag1
+    """Temperatures of ROS 1, or of ROS 2 in a file without its folder."""
+    from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC)
+    first = path.suffix == ".bag"
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     types = store.types
-    with rosbag1.Writer(path) as bag:
+    folder = path.with_name(f"{path.name}.folder")
+    plugin = rosbag2.StoragePlugin.MCAP if path.suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+    with rosbag1.Writer(path) if first else rosbag2.Writer(folder, version=9, storage_plugin=plugin) as bag:
         connection = bag.add_connection("/imu", "sensor_msgs/msg/Temperature", typestore=store)
         for k, value in enumerate(table["gyro_deg_h"]):
             stamp = types["builtin_interfaces/msg/Time"](sec=k, nanosec=0)
-            message = types["sensor_msgs/msg/Temperature"](types["std_msgs/msg/Header"](k, stamp, "imu"), float(value), 0.0)
-            bag.write(connection, 10**9 * k, store.serialize_ros1(message, connection.msgtype))
+            header = types["std_msgs/msg/Header"](**({"seq": k} if first else {}), stamp=stamp, frame_id="imu")
+            message = types["sensor_msgs/msg/Temperature"](header, float(value), 0.0)
+            serialise = store.serialize_ros1 if first else store.serialize_cdr
+            bag.write(connection, 10**9 * k, serialise(message, connection.msgtype))
+    if not first:
+        next(folder.glob(f"*{path.suffix}")).replace(path)
+        shutil.rmtree(folder)
 
 
 MAKERS: Final[dict[str, Callable[[Path, pd.DataFrame], None]]] = {
@@ -94,10 +103,10 @@ MAKERS: Final[dict[str, Callable[[Path, pd.DataFrame], None]]] = {
     ".tdms": _tdms,
     ".mf4": _mdf,
     ".ulg": _ulog,
-    ".bag": _rosbag,
+    **dict.fromkeys((".bag", ".db3", ".mcap"), _rosbag),
 }
 MAPPINGS: Final = {
     ".mf4": {"time_s": "time"},
     ".ulg": {"time_s": "timestamp"},
-    ".bag": {"time_s": "time", "gyro_deg_h": "temperature [deg/h]"},
+    **dict.fromkeys((".bag", ".db3", ".mcap"), {"time_s": "time", "gyro_deg_h": "temperature [deg/h]"}),
 }
