@@ -108,5 +108,5 @@ MAKERS: Final[dict[str, Callable[[Path, pd.DataFrame], None]]] = {
 MAPPINGS: Final = {
     ".mf4": {"time_s": "time"},
     ".ulg": {"time_s": "timestamp"},
-    **dict.fromkeys((".bag", ".db3", ".mcap"), {"time_s": "time", "gyro_deg_h": "temperature [deg/h]"}),
+    **{suffix: {"time_s": "time", "gyro_deg_h": "temperature [deg/h]"} for suffix in (".bag", ".db3", ".mcap")},
 }
