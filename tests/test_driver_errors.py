@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.search import State
 from rlgcomp.diagnosis.terms import Form, Region
-from rlgcomp.numerics.readings import noise_variance, rounding_step, smoothed
+from rlgcomp.numerics.readings import Readings, between_steps, noise_variance, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -69,6 +69,41 @@ def test_a_rounded_column_tells_its_step() -> None:
     values = np.linspace(0.0, 20.0, 5000)
     assert rounding_step(values) == 0.0
     assert rounding_step(np.round(values / 0.25) * 0.25) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.1])
+def test_the_course_behind_rounded_readings_is_nearer_the_driver(noise: float) -> None:
+    rng = np.random.default_rng(4)
+    driver = 20.0 + 15.0 * np.interp(
+        np.arange(3000), [0.0, 400.0, 1200.0, 1700.0, 2600.0, 3000.0], [0.0, 0.02, 1.0, 1.03, -0.6, -0.6]
+    )
+    read = np.round(driver + noise * rng.standard_normal(3000))
+    found = between_steps(read, 1.0)
+    assert found is not None
+    course, _ = found
+    assert np.max(np.abs(course - read)) <= 0.5
+    assert np.std(course - driver) < 0.65 * np.std(read - driver)
+    readings = Readings.of(read, read.reshape(600, 5).mean(axis=1))
+    left = (readings.values - driver.reshape(600, 5).mean(axis=1)) ** 2
+    assert left.mean() < readings.rounding.mean() < 0.6 / 12.0
+
+
+def test_noise_that_dithers_is_smoothed() -> None:
+    rng = np.random.default_rng(4)
+    read = np.round(20.0 + 0.01 * np.arange(3000) + 0.4 * rng.standard_normal(3000))
+    readings = Readings.of(read, read.reshape(600, 5).mean(axis=1))
+    smooth = smoothed(read.reshape(600, 5).mean(axis=1), noise_variance(read) / 5.0)[0]
+    assert np.array_equal(readings.values, smooth)
+    assert readings.rounding[0] == pytest.approx(1.0 / 12.0)
+
+
+def test_states_and_jumps_are_no_steps_of_rounding() -> None:
+    rng = np.random.default_rng(4)
+    states = np.repeat(rng.integers(0, 3, 100), 20).astype(np.float64)
+    assert between_steps(states, 1.0) is None
+    assert between_steps(np.repeat(rng.integers(0, 40, 100), 20).astype(np.float64), 1.0) is None
+    readings = Readings.of(states, states.reshape(400, 5).mean(axis=1))
+    assert np.array_equal(readings.values, states.reshape(400, 5).mean(axis=1))
 
 
 def test_smooth_is_nearer_the_driver_and_keeps_jumps() -> None:

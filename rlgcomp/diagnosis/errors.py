@@ -160,7 +160,7 @@ def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Arra
     apart = np.subtract.outer(run.windows, run.windows)
     alike = np.sqrt(2.0 * np.outer(width, width) / squares) * np.exp(-0.5 * apart**2 / squares)
     alike = np.sqrt(np.outer(share, share)) * alike + np.diag(1.0 - share)
-    rounding = run.means(slope) * readings.step / math.sqrt(12.0)
+    rounding = run.means(slope * np.sqrt(run.on_bins(readings.rounding)))
     return np.asarray(np.outer(scale, scale) * alike + np.outer(rounding, rounding) * _alike(run, readings.step, values))
 
 
@@ -196,7 +196,7 @@ def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
     for readings, column in zip(all_readings, rate.driver.columns, strict=True):
         way = np.gradient(run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))]))
         moving = 1.0 - np.exp(-way / (_CORRELATED * readings.step)) if readings.step else 0.0
-        variance += (readings.noise + readings.step**2 / 12.0 * moving) / (rate.driver.half * rate.half) ** 2
+        variance += (readings.noise + float(readings.rounding.mean()) * moving) / (rate.driver.half * rate.half) ** 2
     scale = slope * np.sqrt(variance)
     return np.asarray(np.outer(scale, scale) * by_lag[np.abs(np.subtract.outer(run.windows, run.windows))])
 

@@ -1,8 +1,9 @@
 r"""Readings of a driver: their noise, the step to which they are rounded, and the course of the driver behind them.
 
 A gyro follows the driver and not what is read of it. Where readings have noise, the likeliest course is their smooth: by a Gaussian
-whose width has the least risk, as far as smooths of all smaller widths agree, so that jumps stay. What it leaves is an error of the
-driver.
+whose width has the least risk, as far as smooths of all smaller widths agree, so that jumps stay. Where readings are rounded to
+steps larger than their noise, the driver is known where a reading changes, and its course is taken between these moments. What is
+left is an error of the driver.
 
 References
 ----------
@@ -25,6 +26,10 @@ _LEAST: Final = 20  # differences, at least
 _MOST: Final = 200_000  # samples from which noise is estimated
 _WIDTHS: Final = (0.0, 0.7, 1.4, 2.8, 5.6, 11.2, 22.4)  # standard deviations of the Gaussian, in bins
 _AGREE: Final = 3.0  # standard deviations
+_LEVELS: Final = 6  # of a column that is rounded, at least: fewer are states
+_DITHERED: Final = 0.08  # of a step's square, in variance, from which on noise tells more of the course than steps do
+_CROSSING: Final = 0.15  # of a step's variance that is left where the course crosses a step,
+_TURNING: Final = 0.5  # and where it turns in one
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,6 +47,8 @@ class Readings:
         Variance of the noise of a bin as it was read.
     step : float
         To which readings are rounded; 0 where they are not.
+    rounding : ndarray, shape (bins,)
+        Variance of what rounding leaves.
     """
 
     values: Array
@@ -49,6 +56,7 @@ class Readings:
     widths: Array
     noise: float
     step: float
+    rounding: Array
 
     @classmethod
     def of(cls, full: Array, binned: Array) -> Self:
@@ -60,8 +68,21 @@ class Readings:
         binned : ndarray, shape (bins,)
             Their means over bins.
         """
+        step, bins = rounding_step(full), len(binned)
+        rounding = np.full(bins, step**2 / 12.0)
+        rows = max(1, round(len(full) / bins))
+        if (
+            step
+            and noise_variance(full) < _DITHERED * step**2
+            and rows * bins <= len(full)
+            and np.allclose(bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * step)  # there are no gaps
+            and (found := between_steps(full, step)) is not None
+        ):
+            full, turning = found
+            binned = bin_means(full, bins, rows)
+            rounding *= np.where(bin_means(turning, bins, rows) > 0.0, _TURNING, _CROSSING)
         noise = noise_variance(full) * len(binned) / len(full)
-        return cls(*smoothed(binned, noise), noise, rounding_step(full))
+        return cls(*smoothed(binned, noise), noise, step, rounding)
 
 
 def noise_variance(values: Array) -> float:
@@ -84,6 +105,35 @@ def rounding_step(values: Array) -> float:
     gaps = np.diff(levels)
     gaps = gaps[gaps > 1e-9 * np.ptp(levels)]
     return float(gaps.min()) if 0 < len(gaps) < 0.5 * len(values) else 0.0
+
+
+def bin_means(values: Array, bins: int, rows: int) -> Array:
+    """Means over bins of so many rows each."""
+    return np.asarray(values[: bins * rows].reshape(bins, rows).mean(axis=1), dtype=np.float64)
+
+
+def between_steps(values: Array, step: float) -> tuple[Array, npt.NDArray[np.bool_]] | None:
+    """The course behind readings that are rounded, and where it turns within a step; None where readings are states or no steps.
+
+    Where a reading changes, the driver passes between two steps: it is known there, and straight in between. Where it leaves a step
+    on the side from which it came, it goes to the middle of the step and back as fast as it passed the steps before and after.
+    """
+    change = np.flatnonzero(np.abs(np.diff(values)) > 0.5 * step)
+    jumps = np.diff(values)[change]
+    if len(np.unique(values)) < _LEVELS or np.median(np.abs(jumps)) > 1.5 * step:
+        return None
+    starts, ends = np.r_[0, change + 1], np.r_[change + 1, len(values)]
+    lengths = ends - starts
+    came, goes = np.r_[0.0, np.sign(jumps)], np.r_[np.sign(jumps), 0.0]
+    dwell = np.repeat(np.arange(len(starts)), lengths)
+    since = np.arange(len(values)) - starts[dwell] + 0.5
+    left = lengths[dwell] - since
+    crosses = (came * goes > 0.0)[dwell]
+    straight = came[dwell] * (since / lengths[dwell] - 0.5)
+    before, after = (0.5 * np.maximum(one, 1.0)[dwell] for one in (np.r_[1, lengths[:-1]], np.r_[lengths[1:], 1]))
+    bent = np.where(since / before <= left / after, -came[dwell] * np.exp(-since / before), goes[dwell] * np.exp(-left / after))
+    course = values + step * np.where(crosses, straight, 0.5 * bent)
+    return course, ~crosses
 
 
 def smoothed(values: Array, variance: float) -> tuple[Array, Array, Array]:
