@@ -80,7 +80,7 @@ class Readings:
         ):
             full, turning = found
             binned = bin_means(full, bins, rows)
-            rounding *= np.where(bin_means(turning, bins, rows) > 0.0, _TURNING, _CROSSING)
+            rounding *= np.where(bin_means(turning.astype(np.float64), bins, rows) > 0.0, _TURNING, _CROSSING)
         noise = noise_variance(full) * len(binned) / len(full)
         return cls(*smoothed(binned, noise), noise, step, rounding)
 
