@@ -43,3 +43,13 @@ def test_each_is_the_diagnosis_of_the_changed_runs(runs: list[Recording]) -> Non
         assert found.p_value == pytest.approx(whole.p_value, rel=1e-3)
     again = repeated.posterior(times, [np.zeros(len(run)) for run in runs])
     assert again.best.key == repeated.posterior(times, [np.zeros(len(run)) for run in runs]).best.key
+
+
+def test_draws_of_the_null_are_made_once(runs: list[Recording]) -> None:
+    repeated = Repeated.of(SIMULATOR, runs, mechanisms={"supply_voltage": CATALOGUE["supply_voltage"]})
+    zeros = [np.zeros(len(run)) for run in runs]
+    first = repeated.posterior([run.time_s for run in runs], zeros)
+    assert repeated.layout.drawn
+    second = repeated.posterior([run.time_s for run in runs], zeros)
+    assert second.in_noise == pytest.approx(first.in_noise)
+    assert np.isnan(second.left_in_noise)

@@ -12,6 +12,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +28,18 @@ from rlgcomp.units import arw_rate_sd_deg_h
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+_KEPT = 40  # bases whose columns a run keeps
 _COVERAGE = 0.8  # of a window's bins that must be there
 _SHORTEST = 0.9  # sample periods in a window: those of runs differ a little
 _FEWEST = 20  # windows of all runs,
 _FEWEST_IN_RUN = 2  # and of each
+
+
+class Columns(Protocol):
+    """What gives columns on the bins of a run."""
+
+    def columns(self, run: Run) -> Array:
+        """Shape (bins, k)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,6 +132,8 @@ class Run:
         Of each column but the outputs.
     recording : Recording
         As it was recorded, its lead-in part of it.
+    kept : dict, optional
+        Where given, columns of bases are kept in it.
     """
 
     binned: Recording
@@ -134,6 +145,7 @@ class Run:
     readings: Mapping[str, Readings]
     recording: Recording
     cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
+    kept: dict[object, Array] | None = dataclasses.field(default=None, repr=False)
     within: Within | None = None
 
     @classmethod
@@ -199,7 +211,17 @@ class Run:
         binned = self.binned.with_column(name, column)
         cache: dict[object, Array] = {key: one for key, one in self.cache.items() if not _follows(key, name)}
         cache[("column", name)] = values
-        return dataclasses.replace(self, binned=binned, cache=cache)
+        return dataclasses.replace(self, binned=binned, cache=cache, kept=None)
+
+    def columns(self, basis: Columns) -> Array:
+        """Columns of a basis on the bins, kept for a while where this run keeps them."""
+        if self.kept is None:
+            return basis.columns(self)
+        if basis not in self.kept:
+            if len(self.kept) >= _KEPT:
+                self.kept.pop(next(iter(self.kept)))
+            self.kept[basis] = basis.columns(self)
+        return self.kept[basis]
 
     def on_bins(self, values: Array) -> Array:
         """Values at the recorded bins, interpolated to all bins of the run; shape (bins,) or (bins, k)."""

@@ -148,9 +148,8 @@ def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Arra
     size = math.sqrt(float(variance.mean()) + readings.step**2 / 12.0)
     if size == 0.0:
         return np.zeros((len(width), len(width)))
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], run.bins)  # what other bins bring cancels
-    up, down = (predicted(run.with_column(column, values + side * size * signs)) for side in (1.0, -1.0))
-    slope = (up - down) * signs / (2.0 * size)
+    signs, above, below = _moved(run, column, size)
+    slope = (predicted(above) - predicted(below)) * signs / (2.0 * size)
     together = np.minimum(1.0, np.maximum(1.0, 2.0 * math.sqrt(math.pi) * width) / run.grid.bins)
     scale = np.sqrt(run.means(slope**2 * variance) * together) * np.where(run.means(slope) < 0.0, -1.0, 1.0)
     averaged = readings.noise / np.maximum(2.0 * math.sqrt(math.pi) * width, 1.0)  # the rest is what the smooth is wrong by
@@ -162,6 +161,19 @@ def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Arra
     alike = np.sqrt(np.outer(share, share)) * alike + np.diag(1.0 - share)
     rounding = run.means(slope * np.sqrt(run.on_bins(readings.rounding)))
     return np.asarray(np.outer(scale, scale) * alike + np.outer(rounding, rounding) * _alike(run, readings.step, values))
+
+
+def _moved(run: Run, column: str, size: float) -> tuple[Array, Run, Run]:
+    """Signs, and the run with a column off by a size so signed, up and down; made once, for they keep columns of bases."""
+    kept: dict[object, Any] = run.cache
+    key = ("moved", column)
+    if key not in kept:
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], run.bins)  # what other bins bring cancels
+        values = run.column(column)
+        up, down = (dataclasses.replace(run.with_column(column, values + side * size * signs), kept={}) for side in (1.0, -1.0))
+        kept[key] = signs, up, down
+    signs, up, down = kept[key]
+    return signs, up, down
 
 
 def _alike(run: Run, step: float, values: Array) -> Array:

@@ -52,7 +52,7 @@ class Prediction:
     def values(self, run: Run) -> Array:
         """On the bins of a run, shape (bins,)."""
         total = run.on_bins(self.baseline.stated(run.binned)) + self.baseline.columns(run) @ self.numbers
-        return np.asarray(sum((basis.columns(run) @ w for basis, w in self.parts), total))
+        return np.asarray(sum((run.columns(basis) @ w for basis, w in self.parts), total))
 
     @property
     def made_of(self) -> tuple[object, ...]:

@@ -68,6 +68,10 @@ def screened(screen: Screen, offsets: Array, members: Set = (), *, draws: int = 
     if not np.any(np.isfinite(offsets)):
         return 1.0
     evidence, rng = screen.evidence, np.random.default_rng(seed)
+    key = evidence.noise, draws, seed, offsets.tobytes()
+    if not members and key in screen.layout.drawn:
+        found = statistics(screen, offsets, evidence.output[:, None])
+        return tail_probability(float(found[0]), screen.layout.drawn[key])
     drawn = rng.standard_normal((len(evidence.output), draws))
     known = evidence.bank.data.known
     if known.windows:
@@ -77,6 +81,8 @@ def screened(screen: Screen, offsets: Array, members: Set = (), *, draws: int = 
         table = evidence.table(members)
         outputs -= table @ np.linalg.solve(np.eye(table.shape[1]) + table.T @ table, table.T @ outputs)
     found = statistics(screen, offsets, outputs)
+    if not members:
+        screen.layout.drawn[key] = found[1:]
     return tail_probability(float(found[0]), found[1:])
 
 

@@ -50,7 +50,7 @@ class Posterior:
         search = Search(bank, regions, layout)
         states = search.run()
         if bank.data.turns:
-            return cls(tuple(states), search.regions, *_in_noise(search, states))
+            return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
         best = max(jumping, key=lambda state: state.log_posterior, default=None)
         if best is not None and best.log_posterior > states[0].log_posterior:
@@ -62,7 +62,7 @@ class Posterior:
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
                 search.with_telegraph([dataclasses.replace(state, members=possible)])
         ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
-        return cls(tuple(ordered), search.regions, *_in_noise(search, ordered))
+        return cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
 
     @functools.cached_property
     def probabilities(self) -> dict[Key, float]:
@@ -130,8 +130,17 @@ class Posterior:
         return found
 
 
-def _in_noise(search: Search, states: Sequence[State]) -> tuple[float, float]:
-    """Of the likeliest state without an effect, and of the likeliest, each under its noise; a two-state path is not taken off."""
+def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[float, float]:
+    """Of the likeliest state without an effect, and of the likeliest, each under its noise; a two-state path is not taken off.
+
+    Parameters
+    ----------
+    search : Search
+    states : sequence of State
+        The likeliest first.
+    left : bool
+        Whether the second one is asked for; else it is not a number.
+    """
     nuisances = frozenset(key for key, region in search.regions.items() if region.nuisance)
     null = next(state for state in states if state.key[0] <= nuisances and not state.key[1])
 
@@ -143,4 +152,6 @@ def _in_noise(search: Search, states: Sequence[State]) -> tuple[float, float]:
         return screened(search.screen(state.noise), np.array(odds), state.members)
 
     in_noise, best = beside(null), states[0]
+    if not left:
+        return in_noise, math.nan
     return in_noise, in_noise if best is null or best.telegraph is not None else beside(best)

@@ -126,6 +126,7 @@ class Layout:
 
     def __init__(self, bank: Bank, forms: Sequence[Form], labels: Sequence[Hashable] | None = None) -> None:
         self.forms = tuple(forms)
+        self.drawn: dict[Hashable, Array] = {}  # the statistic of draws of a noise
         self._products: dict[tuple[Noise, int], tuple[Products, ...]] = {}
         by_label: dict[Hashable, list[int]] = defaultdict(list)
         for k in range(len(forms)):
