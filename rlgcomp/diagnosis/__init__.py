@@ -21,7 +21,8 @@ Rooms, each importing only from those before it:
     noise       hypotheses of the noise, whitening
     evidence    the evidence of a set of forms in closed form
     screen      the evidence of many forms at once
-    search      sets of regions, forms refined
+    members     a member of a set: chosen, polished, grown
+    search      sets of regions
     telegraph   a two-state process beside a set
     posterior   probabilities of sets and regions
     fit         weights, predictions

@@ -1,0 +1,217 @@
+"""Members of a set: the likeliest of a region given the others, with its form polished and grown."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.evidence import Bank, Conditional, Evidence, Member, Set
+from rlgcomp.diagnosis.hypotheses import Hypotheses
+from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.screen import Layout, Screen, gains
+from rlgcomp.diagnosis.terms import Form, Region
+
+_MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
+_SCREENS: Final = 16  # of all forms under a noise, that are kept
+_EVIDENCES: Final = 80
+_PROMISING: Final = 3  # forms with one basis more that are tried in full
+_FINEST: Final = 1.0 / 64.0  # step of the grid
+_COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
+_FEW: Final = 3
+WORTH: Final = 0.3  # nats that a polishing step must gain
+WORTH_MORE: Final = 3.0  # and a further member of a form
+
+
+class Members:
+    """The evidence under each noise, and members of a set: the likeliest of a region beside others, polished and grown.
+
+    Parameters
+    ----------
+    bank : Bank
+    regions : sequence of Region
+    layout : Layout, optional
+        Of an earlier search over the same regions, beside the same baseline.
+    """
+
+    def __init__(self, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> None:
+        self.bank = bank
+        bank.prepare(form for region in regions for form in region.forms)
+        self.regions = {region.key: self._possible(region) for region in regions}
+        self.forms = tuple(form for region in self.regions.values() for form in region.forms)
+        self.region_of = np.array([form.region for form in self.forms])
+        self.layout = layout or Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
+        self.hypotheses = Hypotheses.of(bank.data)
+        self.noise_log_prior = self.hypotheses.log_prior()
+        self._evidences: dict[Noise, Evidence] = {}
+        self._screens: dict[Noise, Screen] = {}
+
+    def _section(self, key: str) -> str:
+        """Of the layout: laws of which there are many forms by themselves, other laws together, and what is not a law together."""
+        return "" if not self.is_law(key) else key if len(self.regions[key].forms) > _MANY_FORMS else "law"
+
+    def is_law(self, key: str) -> bool:
+        return self.regions[key].mechanism is None and not self.regions[key].nuisance
+
+    def _possible(self, region: Region) -> Region:
+        forms = tuple(form for form in region.forms if self.bank.scaled(form) is not None)
+        return dataclasses.replace(region, forms=forms)
+
+    def evidence(self, noise: Noise) -> Evidence:
+        """The evidence under a noise."""
+        if noise not in self._evidences:
+            _forget_oldest(self._evidences, _EVIDENCES)
+            self._evidences[noise] = Evidence(self.bank, noise, self.log_prior_of(noise))
+        return self._evidences[noise]
+
+    def screen(self, noise: Noise) -> Screen:
+        """All forms under a noise."""
+        if noise not in self._screens:
+            _forget_oldest(self._screens, _SCREENS)
+            self._screens[noise] = Screen(self.evidence(noise), self.layout)
+        return self._screens[noise]
+
+    def log_prior_of(self, noise: Noise) -> float:
+        """Of a noise; of windows that are outliers as well."""
+        return self.noise_log_prior.get(noise.of_gyro, -math.inf) + (0.0 if noise.errors is None else noise.errors.log_prior)
+
+    def log_prior(self, members: Set) -> float:
+        """Of the regions, forms and sizes of a set."""
+        return sum(self.regions[m.form.region].log_odds + m.log_prior for m in members)
+
+    def best(self, given: Conditional, form: Form) -> tuple[float, Member]:
+        """Log evidence and share of a form at its likeliest size."""
+        of_sizes = given.gain(form) + form.log_share + Member(form, 1.0).of_sizes
+        j = int(np.argmax(of_sizes))
+        return float(of_sizes[j]), Member(form, float(priors.SIZES[j]))
+
+    def likeliest(self, given: Conditional, forms: Iterable[Form]) -> tuple[float, Member] | None:
+        """The same of the likeliest of some forms; None where none of them has a scale."""
+        possible, table = gains(given, forms)
+        if not possible:
+            return None
+        table = table + np.array([form.log_share for form in possible])[:, None]
+        i, j = np.unravel_index(int(np.argmax(table)), table.shape)
+        return float(table[i, j]), Member(possible[i], float(priors.SIZES[j]))
+
+    def best_of_region(
+        self, region: Region, given: Conditional, noise: Noise, wanted: npt.NDArray[np.bool_] | None = None
+    ) -> tuple[float, Member] | None:
+        """The likeliest form of a region and its size; of those that are wanted."""
+        inside = self.region_of == region.key
+        if wanted is not None:
+            inside = inside & wanted
+        if not inside.any():
+            return None
+        places = np.flatnonzero(inside)
+        table = self.screen(noise).gains(given, inside)[inside] + np.array([self.forms[k].log_share for k in places])[:, None]
+        i, j = np.unravel_index(int(np.argmax(table)), table.shape)
+        return float(table[i, j]), Member(self.forms[places[i]], float(priors.SIZES[j]))
+
+    def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
+        """From what a form grows: the likeliest that can, and the likeliest of those that have a threshold."""
+        if not region.forms:
+            return [best]
+        assert region.grow is not None  # noqa: S101
+        can = np.array([form.region == region.key and next(iter(region.grow(form)), None) is not None for form in self.forms])
+        switches = np.array([self.switches(form) for form in self.forms])
+        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, can & switches))
+        return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
+
+    def grown_from(self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise) -> Member:
+        """A form with leading bases more, one by one as long as each is worth it."""
+        given = self.evidence(noise).given(others)
+        value, member = self.polished(*first, given)
+        while True:
+            more = self.likeliest(given, self._promising(grow(member.form), (*others, member), noise)) or (value, member)
+            if more[0] <= value + WORTH_MORE:
+                break
+            value, member = self.polished(*more, given, last=True)
+        return self.polished(value, member, given)[1]
+
+    def switches(self, form: Form) -> bool:
+        """Whether its leading bases have thresholds."""
+        return any("threshold" in basis.parameters() for basis in form.lead)
+
+    def _promising(self, forms: Iterable[Form], members: Set, noise: Noise) -> list[Form]:
+        """Of forms with one leading basis more than the last member has, those whose further basis gains most beside it."""
+        further = {dataclasses.replace(form, lead=form.lead[-1:], smooth=(), own=()): form for form in forms}
+        possible, table = gains(self.evidence(noise).given(members), further)
+        at = int(np.argmin(np.abs(priors.SIZES - members[-1].size)))
+        return [further[possible[k]] for k in np.argsort(table[:, at])[::-1][:_PROMISING]]
+
+    def polished(self, value: float, member: Member, given: Conditional, last: bool = False) -> tuple[float, Member]:
+        """A form moved by ever smaller steps; while it grows coarsely and its last leading basis alone."""
+        step, finest = 0.5, _COARSE if last or len(member.form.lead) > _FEW else _FINEST
+        while step >= finest:
+            forms = member.form.nearby(step)
+            if last:
+                forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
+            better = self._better(value, member, forms, given)
+            if better is not None:
+                value, member = better
+            else:
+                step *= 0.5
+        return value, member
+
+    def _better(self, value: float, member: Member, forms: Sequence[Form], given: Conditional) -> tuple[float, Member] | None:
+        """The likeliest of some moves of a form, or of those of several leading bases together; None if none is worth it.
+
+        Parameters
+        ----------
+        value : float
+            Of the member as it is.
+        member : Member
+        forms : sequence of Form
+            Moves of one leading basis each.
+        given : Conditional
+        """
+        possible, table = gains(given, forms)
+        moves: dict[int, tuple[float, Form]] = {}
+        for form, row in zip(possible, table, strict=True):
+            k = next(k for k, (one, other) in enumerate(zip(form.lead, member.form.lead, strict=True)) if one != other)
+            moves[k] = max(moves.get(k, (value + WORTH, form)), (float(row.max()) + form.log_share, form), key=lambda one: one[0])
+        worth = sorted(((v, k, form) for k, (v, form) in moves.items() if v > value + WORTH), key=lambda one: one[0], reverse=True)
+        if not worth:
+            return None
+        lead, together = list(member.form.lead), [worth[0][2]]
+        for j, (_, k, form) in enumerate(worth):
+            lead[k] = form.lead[k]
+            if j > 0:
+                together.append(dataclasses.replace(form, lead=tuple(lead)))
+        found = self.likeliest(given, together)
+        return found if found is not None and found[0] > value + WORTH else None  # rounding may part two products of one form
+
+    def volume(self, members: Set, k: int, noise: Noise) -> float:
+        """Log of the posterior of all forms and sizes of one member over that of its own."""
+        others, own = (*members[:k], *members[k + 1 :]), members[k]
+        given = self.evidence(noise).given(others)
+        point = given.gain(own.form) + own.form.log_share + own.of_sizes
+        values = [*point.tolist()]
+        mask = self.region_of == own.form.region
+        if mask.any():
+            table = self.screen(noise).gains(given, mask)[mask]
+            table += np.array([form.log_share for form in self.regions[own.form.region].forms])[:, None]
+            values += [
+                v for form, row in zip(self.regions[own.form.region].forms, table, strict=True) if form != own.form for v in row
+            ]
+        at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
+        return log_sum(values) - float(at)
+
+
+def _forget_oldest(kept: dict[Noise, Any], most: int) -> None:
+    """Make room for one more."""
+    while len(kept) >= most:
+        kept.pop(next(iter(kept)))
+
+
+def log_sum(values: Iterable[float]) -> float:
+    """Logarithm of a sum of exponentials."""
+    found = np.array(list(values))
+    top = float(found.max())
+    return top + math.log(float(np.sum(np.exp(found - top))))
