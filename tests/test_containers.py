@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -325,6 +327,15 @@ def test_what_no_container_could_give_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.ulg").write_bytes(content)
     expect(run := rlg.read(tmp_path / "a.ulg", columns={"time_s": "timestamp", "gyro_x_deg_h": "x", "gyro_z_deg_h": "z"}))
     assert by_code(run.findings)["left_out"].message.data["names"] == ["once/timestamp", "once/value"]
+
+
+@pytest.mark.parametrize("code", ["import rlgcomp", "import rlgcomp; rlgcomp.read", "from rlgcomp.cli import main; main()"])
+def test_libraries_of_formats_are_imported_only_where_they_are_used(code: str) -> None:
+    libraries = ("nptdms", "asammdf", "pyulog", "rosbags", "mcap", "openpyxl", "h5py", "polars", "xarray", "skops", "scipy.io")
+    ending = "import atexit, sys; sys.argv = ['rlgcomp', '--help']; "
+    ending += f"atexit.register(lambda: sys.stderr.write(repr([n for n in {libraries!r} if n in sys.modules]))); "
+    done = subprocess.run([sys.executable, "-c", ending + code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip().endswith("[]")
 
 
 def test_recordings_are_not_written_in_formats_that_are_only_read(tmp_path: Path) -> None:

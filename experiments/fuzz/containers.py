@@ -81,6 +81,7 @@ def _rosbag(path: Path, table: pd.DataFrame) -> None:
     store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
     types = store.types
     folder = path.with_name(f"{path.name}.folder")
+    shutil.rmtree(folder, ignore_errors=True)  # of an attempt that failed
     plugin = rosbag2.StoragePlugin.MCAP if path.suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
     with rosbag1.Writer(path) if first else rosbag2.Writer(folder, version=9, storage_plugin=plugin) as bag:
         connection = bag.add_connection("/imu", "sensor_msgs/msg/Temperature", typestore=store)
