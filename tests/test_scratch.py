@@ -96,6 +96,20 @@ def test_a_kill_between_two_renames_leaves_the_old_or_the_new_whole(tmp_path: Pa
     assert [(tmp_path / name).read_text() for name in ours] == [wanted] * len(ours)
 
 
+def test_folders_of_other_users_are_not_published_in_a_common_folder(tmp_path: Path) -> None:
+    if os.name == "nt" or os.geteuid() != 0:
+        pytest.skip("only the superuser can make a folder of another user")
+    hostile = tmp_path / f"{scratch.PUBLISHED}x"
+    hostile.mkdir()
+    (hostile / "mine").write_text("theirs")
+    (tmp_path / "mine").write_text("ours")
+    os.chown(hostile, 65534, 65534)
+    with scratch.temporary_folder(tmp_path) as folder:
+        assert folder.parent == tmp_path
+    assert (tmp_path / "mine").read_text() == "ours"
+    assert {path.name for path in tmp_path.iterdir()} == {"mine", hostile.name}
+
+
 def test_a_folder_is_exchanged_in_one_step_where_the_system_can(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).mkdir()

@@ -11,6 +11,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from rlgcomp.challenge import seal
@@ -89,6 +91,23 @@ def test_closed_and_narrow_streams_are_no_fault(simulator: Path, tmp_path: Path)
     as_json = subprocess.run([*inspect, "--json"], env=narrow, capture_output=True, check=False)
     assert json.loads(as_json.stdout)[0]["name"] == "run"
     assert subprocess.run(["bash", "-c", '"$@" > /dev/full', "-", *inspect], capture_output=True, check=False).returncode == 2
+
+
+def test_a_reader_that_has_seen_enough_is_no_fault(tmp_path: Path) -> None:
+    """A table as its first output, and nobody who reads it."""
+    time_s = 10.0 * np.arange(900.0)
+    rng = np.random.default_rng(0)
+    for k in range(2):
+        table = {"time_s": time_s, "gyro_deg_h": rng.normal(size=900), "temperature_block_degC": 20.0 + 1e-3 * time_s + k}
+        pd.DataFrame(table).to_parquet(tmp_path / f"run{k}.parquet")
+    runs = [str(tmp_path / f"run{k}.parquet") for k in range(2)]
+    train = [*COMMAND, "train", *runs, "--model", "cubic", "--features", "temperature", "--out", str(tmp_path / "model")]
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(train, stdout=writing, stderr=subprocess.PIPE, check=False)
+    os.close(writing)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "model" / "SHA256SUMS").exists()
 
 
 def test_names_do_not_steer_the_terminal(simulator: Path, tmp_path: Path) -> None:

@@ -5,6 +5,9 @@ from __future__ import annotations
 
 import argparse
 import collections
+import concurrent.futures
+import functools
+import multiprocessing
 import shutil
 import sys
 import tempfile
@@ -31,31 +34,36 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=40)
     parser.add_argument("--errors", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2, help="processes that read files")
     parser.add_argument("--no-silent", action="store_true", help="leave the silent faults out")
     options = parser.parse_args()
     import_all()
     with tempfile.TemporaryDirectory(prefix="attack-") as scratch:
         folder = Path(scratch)
         print(PAGE)
-        print(_files(folder / "files", range(options.files), options.seed), flush=True)
-        print(_kills(kills.trials(folder / "kills", options.kills, options.errors, options.seed)), flush=True)
+        if options.files:
+            print(_files(folder / "files", range(options.files), options.seed, options.jobs), flush=True)
+        if options.kills + options.errors:
+            print(_kills(kills.trials(folder / "kills", options.kills, options.errors, options.seed)), flush=True)
         if not options.no_silent:
             print(_silent(folder / "silent"))
 
 
-def _files(folder: Path, numbers: range, seed: int) -> str:
+def _files(folder: Path, numbers: range, seed: int, jobs: int) -> str:
     files.seeds(folder / "seeds")
     began = time.monotonic()
     counts: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
     problems = []
-    for number, kind, arguments, result, problem in files.cases(folder, numbers, seed):
+    with concurrent.futures.ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
+        parts = pool.map(functools.partial(_part, folder, seed), [numbers[first::jobs] for first in range(jobs)])
+        rows = sorted(row for part in parts for row in part)
+    for number, kind, arguments, code, error, problem in rows:
         for key in (kind, "all"):
             counts[key]["cases"] += 1
-            counts[key]["problem" if problem else "read" if result.code == 0 else "refused"] += 1
+            counts[key]["problem" if problem else "read" if code == 0 else "refused"] += 1
         if problem:
-            message = " ".join(result.error.split())[-200:]
+            message = " ".join(error.split())[-200:]
             problems.append(f"- case {number}, {kind}, `{' '.join(arguments)}`: {problem}: {message}")
-            print(problems[-1], file=sys.stderr, flush=True)
     shutil.rmtree(folder)
     lines = [
         f"## {len(numbers)} files and command lines",
@@ -72,6 +80,15 @@ def _files(folder: Path, numbers: range, seed: int) -> str:
         f"{time.monotonic() - began:.0f} s.\n"
     )
     return "\n".join([*lines, text, *problems])
+
+
+def _part(folder: Path, seed: int, numbers: range) -> list[tuple[int, str, tuple[str, ...], int, str, str]]:
+    rows = []
+    for number, kind, arguments, result, problem in files.cases(folder, numbers, seed):
+        rows.append((number, kind, arguments, result.code, result.error, problem or ""))
+        if problem:
+            print(number, kind, arguments, problem, result.error[-200:], file=sys.stderr, flush=True)
+    return rows
 
 
 def _kills(trials: Iterable[kills.Trial]) -> str:

@@ -63,8 +63,11 @@ def show_table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     for row in rows:
         table.add_row(*(Text(_cell(row[column])) for column in columns))
     console = Console(width=None if sys.stdout.isatty() else 160)
-    console.print(Text(printable(title), style="bold"))  # apart from the table, whose width would break it
-    console.print(table)
+    try:
+        console.print(Text(printable(title), style="bold"))  # apart from the table, whose width would break it
+        console.print(table)
+    except SystemExit:  # Rich ends the process where nobody reads
+        raise BrokenPipeError from None
 
 
 def show_evaluation(evaluation: Any) -> None:

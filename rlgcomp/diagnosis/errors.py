@@ -206,7 +206,8 @@ def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
         by_lag[lag] = float(kernel[shift:] @ kernel[: len(kernel) - shift])
     variance = np.zeros(len(slope))
     for readings, column in zip(all_readings, rate.driver.columns, strict=True):
-        way = np.gradient(run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))]))
+        path = run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))])
+        way = np.gradient(path) if len(path) > 1 else np.zeros_like(path)
         moving = 1.0 - np.exp(-way / (_CORRELATED * readings.step)) if readings.step else 0.0
         variance += (readings.noise + float(readings.rounding.mean()) * moving) / (rate.driver.half * rate.half) ** 2
     scale = slope * np.sqrt(variance)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -208,7 +209,10 @@ def version(toolchain: Toolchain) -> str:
 
 def _compile(toolchain: Toolchain, sources: Sequence[Path], program: Path) -> subprocess.CompletedProcess[str]:
     extra = [f"-T{_TEMPLATES / 'cortex_m4.ld'}", "--specs=rdimon.specs", str(_TEMPLATES / "cortex_m4.c")] if toolchain.board else []
-    return _run([toolchain.compiler, *STRICT, *toolchain.flags, *map(str, sources), *extra, "-o", str(program), "-lm"])
+    return _run(
+        [toolchain.compiler, *STRICT, *toolchain.flags, *map(str, sources), *extra, "-o", str(program), "-lm"],
+        folder=program.parent,
+    )
 
 
 def _command(toolchain: Toolchain, program: Path) -> list[str]:
@@ -221,9 +225,13 @@ def _with_argument(toolchain: Toolchain, command: Sequence[str], argument: str) 
     return [*command[:-1], f"{command[-1]},arg={argument}"] if toolchain.board else [*command, argument]
 
 
-def _run(command: Sequence[str], text: str = "") -> subprocess.CompletedProcess[str]:
+def _run(command: Sequence[str], text: str = "", folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program; what it puts into TMPDIR, as compilers do, goes into a folder where one is given."""
+    settings: Mapping[str, str] = os.environ if folder is None else {**os.environ, "TMPDIR": str(folder)}
     try:
-        return subprocess.run(command, input=text, capture_output=True, text=True, check=False, timeout=_LONGEST_S)  # noqa: S603
+        return subprocess.run(  # noqa: S603
+            command, input=text, capture_output=True, text=True, check=False, timeout=_LONGEST_S, env=settings
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         return subprocess.CompletedProcess(list(command), 1, "", str(error))
 
