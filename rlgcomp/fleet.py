@@ -27,12 +27,14 @@ from rlgcomp.files import from_json, read_text, require_apart, sha256, to_json, 
 from rlgcomp.recording.argument_checks import require_workers
 from rlgcomp.recording.formats import sidecar
 from rlgcomp.recording.provenance import provenance, recorded_command, running_command, with_digests
+from rlgcomp.scratch import PREFIX, recover
 from rlgcomp.workers import DIED, spread
 
 NOTE: Final = "unit.json"
 SUMMARY: Final = "fleet.json"
 Task = Callable[["Unit", Path], Mapping[str, Any]]
 _UNIT, _TRAIN = "unit", "train"
+_ENDING_S: Final = 3.0  # within which workers end with this process
 
 
 @dataclasses.dataclass(frozen=True)
@@ -178,12 +180,24 @@ def run_fleet(
     advance(len(by_unit), len(units))
     attempt = functools.partial(_attempt, task, out, running_command())
     finished = spread(attempt, waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler)
-    for outcome in finished:
-        by_unit[outcome.unit] = outcome
-        advance(len(by_unit), len(units))
+    try:
+        for outcome in finished:
+            by_unit[outcome.unit] = outcome
+            advance(len(by_unit), len(units))
+    except BaseException:
+        _sweep(out)
+        raise
     outcomes = [by_unit[unit.name] for unit in units]
     write_json(out / SUMMARY, [outcome.to_mapping() for outcome in outcomes])
     return outcomes
+
+
+def _sweep(out: Path) -> None:
+    """Remove the scratch of workers that were ended with this process."""
+    until = time.monotonic() + _ENDING_S
+    while any(path.name.startswith(PREFIX) for path in out.iterdir()) and time.monotonic() < until:
+        recover(out)
+        time.sleep(0.1)
 
 
 def train_unit(
