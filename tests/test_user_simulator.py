@@ -465,5 +465,7 @@ def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> No
     runs[2] = runs[2].replace(table=runs[2].table.drop(columns="temperature_block_degC"))
     few = {name: CATALOGUE[name] for name in ("thermal_lag", "thermal_hysteresis", "supply_voltage")}
     diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, mechanisms=few)
-    assert diagnosis.test is not None
+    assert diagnosis.test is None
+    (told,) = [one for one in diagnosis.remarks if one.code == "diagnosis.run_lacks_column"]
+    assert told.data == {"run": "run3", "columns": ["temperature_block_degC"]}
     assert diagnosis.p_value < 0.01
