@@ -7,7 +7,6 @@ import contextvars
 import functools
 import logging
 import math
-import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -320,6 +319,8 @@ def _with_list_options(name: str, several: Sequence[str]) -> type[TyperCommand]:
 
     class WithListOptions(TyperCommand):
         def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+            import shlex
+
             _arguments.set(shlex.join([name, *args]))
             return super().parse_args(ctx, repeated_options(args, several))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -28,6 +27,8 @@ def show_json(value: Any) -> None:
     try:
         text.encode(sys.stdout.encoding or "ascii")
     except UnicodeError:  # a terminal of another encoding: escapes of JSON instead
+        import json
+
         text = json.dumps(json.loads(text), indent=2)
     typer.echo(text)
 
