@@ -98,7 +98,7 @@ def train(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Train a bias compensation, its parameters selected by leaving runs out.
+    """Train a bias compensation; hyperparameters by leave-one-run-out cross-validation.
 
     The same command resumes a search that was interrupted. With --adapt, model, features and averaging are those of the adapted
     model.

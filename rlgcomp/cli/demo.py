@@ -59,7 +59,7 @@ def demo(
     )
     notify(f"simulating {len(programmes)} chamber runs of {unit.unit}")
     runs = [unit.simulate(programme, seed=seed, name=name) for seed, (name, programme) in enumerate(programmes.items(), start=1)]
-    notify("training the LS-SVM, parameters selected by leaving runs out")
+    notify("training the LS-SVM: hyperparameters by leave-one-run-out cross-validation")
     compensator = Compensator(n_jobs=jobs)
     with progress("selecting") as advance:
         compensator.fit(runs[:2], progress=advance)
@@ -100,8 +100,8 @@ def demo(
 
 
 def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
-    """One row a parameter of each finding."""
-    from rlgcomp.report.messages.wording import probability_text
+    """One row a parameter of each finding; its equation where it has none."""
+    from rlgcomp.report.messages.wording import estimate_text, probability_text
 
     return [
         {
@@ -109,8 +109,10 @@ def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
             "probability": probability_text(cause.probability),
             "rms deg/h": cause.rms_deg_h,
             "parameter": name,
-            "value": str(estimate),
+            "value": value,
         }
         for cause in diagnosis.causes
-        for name, estimate in cause.parameters.items()
+        for name, value in (
+            {name: estimate_text(one.value, one.sd, one.unit) for name, one in cause.parameters.items()} or {"": cause.equation}
+        ).items()
     ]

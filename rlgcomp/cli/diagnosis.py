@@ -75,7 +75,7 @@ def diagnose(
         float | None,
         typer.Option(
             "--averaging-s",
-            help="Averaging time; 100 s, or a two hundredth of the longest run where that is less.",
+            help="Averaging time; unless given a 400th of the longest run, or longer, so that all runs make up to 1000 windows.",
             show_default=False,
         ),
     ] = None,
