@@ -125,7 +125,7 @@ def test_counts_since_1970_are_dates(tmp_path: Path, unit: str, per_second: int,
     if unit != "ms":
         with pytest.raises(rlg.InputError, match=rf"since 1970 it is one in {unit}"):
             read(tmp_path, frame, {"time_s": f"stamp [{'us' if unit == 'ns' else 'ms'}]"}, suffix)
-    with pytest.raises(rlg.InputError, match=rf"since 1970; map it with --map time_s='time_s \[{unit}\]'"):
+    with pytest.raises(rlg.InputError, match=rf"since 1970; map it with --map time_s='stamp \[{unit}\]'"):
         read(tmp_path, frame, {"time_s": "stamp"}, suffix)
 
 
