@@ -187,6 +187,14 @@ def test_labview_measurements(tmp_path: Path, decimal: str, x: str, name: str) -
     assert found["units_row"].message.data["units"]["Block"] == "Deg C"
 
 
+@pytest.mark.parametrize("sign", ["..", "x", ", ."])
+def test_labview_measurements_of_another_decimal_sign_are_refused(tmp_path: Path, sign: str) -> None:
+    text = LVM.format(decimal=".", x="One").replace("Decimal_Separator\t.", f"Decimal_Separator\t{sign}")
+    path = written(tmp_path / "run.lvm", text + "\n".join(rows("\t", ".", str, "\t")) + "\n")
+    with pytest.raises(rlg.InputError, match=r"run\.lvm.*Decimal_Separator is .*it may be '\.' or ','"):
+        rlg.read(path, columns={"time_s": "X_Value", "gyro_deg_h": "Gyro"})
+
+
 def test_rows_that_end_in_a_separator(tmp_path: Path) -> None:
     for separator, end in ((",", ","), (";", ";"), ("\t", "\t")):
         expect(rlg.read(written(tmp_path / "run.csv", "\n".join([separator.join(NAMES), *rows(separator, end=end)]) + "\n")))

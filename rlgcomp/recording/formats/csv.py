@@ -353,7 +353,11 @@ def _dialect(path: Path) -> Dialect:
     encoding = _encoding(head, path)
     every = re.split(r"\r\n|\n|\r", head.decode(encoding, errors="ignore"))
     whole = every[:-1] if len(every) > 1 else every  # the last may be cut
-    return dataclasses.replace(dialect_of_text([line.lstrip("\ufeff") for line in whole[:_MOST_LINES]]), encoding=encoding)
+    try:
+        found = dialect_of_text([line.lstrip("\ufeff") for line in whole[:_MOST_LINES]])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return dataclasses.replace(found, encoding=encoding)
 
 
 def _parser_message(error: Exception) -> str:

@@ -24,6 +24,7 @@ from rlgcomp.units import is_unit
 MAGIC: Final = "LabVIEW Measurement"
 END: Final = "***End_of_Header***"
 X: Final = "X_Value"
+_DECIMALS: Final = (".", ",")
 _KEY: Final = re.compile(r"\*\*\*End_of_Header\*\*\*|[A-Za-z]\w*$")  # the first entry of lines of a header
 
 
@@ -33,13 +34,21 @@ def is_labview(lines: Sequence[str]) -> bool:
 
 
 def dialect_of(lines: Sequence[str]) -> Dialect | None:
-    """Dialect of a LabVIEW measurement's first lines; None where its headers have no end among them."""
+    """Dialect of a LabVIEW measurement's first lines; None where its headers have no end among them.
+
+    Raises
+    ------
+    InputError
+        The header names a decimal sign that is neither a point nor a comma.
+    """
     ends = [place for place, line in enumerate(lines) if line.startswith(END)]
     if not ends:
         return None
     separator = "," if any(line.startswith("Separator") and "Comma" in line for line in lines[: ends[0]]) else "\t"
     file_header = _values(lines[: ends[0]], separator)
     decimal = file_header.get("Decimal_Separator", ["."])[0] or "."
+    if decimal not in _DECIMALS:
+        raise InputError(f"the header's Decimal_Separator is {decimal[:20]!r}; it may be '.' or ','; mend that line of the file")
     segment = _values(lines[ends[0] + 1 : ends[1]], separator) if len(ends) > 1 else {}
     at = ends[min(1, len(ends) - 1)] + 1
     while at < len(lines) and not lines[at].strip():
