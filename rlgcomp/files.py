@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.errors import InputError
-from rlgcomp.scratch import publish, publish_all, scratch_folder
+from rlgcomp.scratch import publish, publish_all, recover, scratch_folder
 
 _EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
@@ -296,7 +296,7 @@ def require_writable(path: str | Path) -> None:
 
 
 def require_replaceable(path: str | Path, *, overwrite: bool, written: Callable[[Path], bool] | None = None) -> None:
-    """Raise where a file of this name is there and may not be replaced.
+    """Raise where a file of this name is there and may not be replaced, what a killed process was publishing there being finished.
 
     Parameters
     ----------
@@ -312,6 +312,7 @@ def require_replaceable(path: str | Path, *, overwrite: bool, written: Callable[
         It may not.
     """
     path = Path(path)
+    recover(path.parent, reading=path.name)
     try:
         exists, is_file = path.exists() or path.is_symlink(), path.is_file()
     except OSError as error:
@@ -343,6 +344,8 @@ def require_folder(path: str | Path, *, writes: Sequence[str]) -> None:
     """
     try:
         place = Path(path).resolve()
+        recover(place.parent, reading=place.name)
+        recover(place)  # scratch of dead processes is nothing that would be lost
         standing = next(folder for folder in (place, *place.parents) if folder.exists())
         replaceable = standing != place or (place.is_dir() and ((place / writes[0]).exists() or not any(place.iterdir())))
     except (OSError, RuntimeError) as error:  # a name too long, a folder that may not be read, links in a circle

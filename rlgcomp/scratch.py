@@ -86,7 +86,7 @@ def recover(folder: Path, *, reading: str | None = None) -> None:
         Name of a file that is to be read: no scratch is removed, and a living process that is about to replace the file is waited
         for.
     """
-    with contextlib.suppress(OSError):  # a folder that cannot be read or written needs no recovery by this process
+    with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read or written needs no recovery by this process
         for entry in sorted(os.scandir(folder), key=lambda one: one.name):
             if entry.name.startswith(PREFIX if reading is None else PUBLISHED) and _is_own_folder(entry):
                 _recover_one(Path(entry.path), wait=reading is not None and (Path(entry.path) / reading).exists())

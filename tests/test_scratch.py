@@ -13,7 +13,7 @@ import pytest
 
 from rlgcomp import scratch
 from rlgcomp.errors import InputError
-from rlgcomp.files import whole_file, whole_folder, write_result
+from rlgcomp.files import require_folder, require_replaceable, whole_file, whole_folder, write_result
 from rlgcomp.scratch import PREFIX, recover
 
 
@@ -168,3 +168,28 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.M
         work()
     assert names(tmp_path) == {"out/mine"}
     assert (tmp_path / "out" / "mine").read_text() == "old"
+
+
+def test_what_a_kill_left_half_published_may_be_replaced(tmp_path: Path) -> None:
+    """Of two files that belong together one has its place, the other is still in the published folder."""
+    (tmp_path / "run.csv").write_text("new")
+    (tmp_path / "run.yaml").write_text("earlier")
+    rest = tmp_path / f"{scratch.PUBLISHED}x"
+    rest.mkdir()
+    (rest / "run.yaml").write_text("new")
+    require_replaceable(tmp_path / "run.csv", overwrite=False, written=lambda path: path.with_suffix(".yaml").read_text() == "new")
+    assert not rest.exists()
+    assert (tmp_path / "run.yaml").read_text() == "new"
+
+
+def test_scratch_in_a_folder_that_is_to_be_replaced_is_not_foreign(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "result.json").write_text("{}")
+    left = folder / f"{scratch.PREFIX}dead"
+    left.mkdir()
+    require_folder(folder, writes=("result.json",))
+    assert not left.exists()
+    (folder / "mine.txt").write_text("x")
+    with pytest.raises(InputError, match=r"holds mine\.txt, which an earlier run did not write"):
+        require_folder(folder, writes=("result.json",))
