@@ -24,26 +24,14 @@ from rlgcomp.physics.user import user_catalogue
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 from tests.own_mechanism import write_bellows
+from tests.two_hour_runs import BASELINE, REAL, runs_of
 
-PROGRAMMES = (
-    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
-    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
-    "start 10, hold 20, ramp 35 2, hold 30, ramp -15 2, hold 20, ramp 20 2, hold 10",
-)
 FEW = ("supply_voltage", "magnetic_field", "temperature_rate")
-BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
-REAL = Simulator.from_mapping(
-    {
-        "kind": "chamber",
-        "mechanisms": [{"thermal_polynomial": {"degree": 2}}, {"supply_voltage": {"k_deg_h_V": 0.5}}],
-        "noise": {"angle_random_walk_deg_sqrt_h": 0.0005},
-    }
-)
 
 
 @pytest.fixture(scope="module")
 def runs() -> list[Recording]:
-    return [REAL.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+    return runs_of(REAL)
 
 
 @pytest.fixture(scope="module")

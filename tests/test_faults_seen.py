@@ -11,20 +11,15 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.two_hour_runs import BASELINE, runs_of
 
-PROGRAMMES = (
-    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
-    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
-    "start 10, hold 20, ramp 35 2, hold 30, ramp -15 2, hold 20, ramp 20 2, hold 10",
-)
 NOISE = {"angle_random_walk_deg_sqrt_h": 0.0005}
-BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
 FEW = ("supply_voltage", "magnetic_field", "thermal_hysteresis", "random_telegraph")
 
 
 def recorded(*mechanisms: object) -> list[Recording]:
     simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": list(mechanisms), "noise": NOISE})
-    return [simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+    return runs_of(simulator)
 
 
 def stepping(run: Recording, at: int, size: float) -> Recording:

@@ -10,11 +10,8 @@ from rlgcomp.diagnosis.diagnose import Repeated, diagnose
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.two_hour_runs import runs_of
 
-PROGRAMMES = (
-    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
-    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
-)
 SIMULATOR = Simulator.from_mapping(
     {
         "kind": "chamber",
@@ -27,7 +24,7 @@ FEW = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field", "t
 
 @pytest.fixture(scope="module")
 def runs() -> list[Recording]:
-    return [SIMULATOR.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+    return runs_of(SIMULATOR, 2)
 
 
 def test_each_is_the_diagnosis_of_the_changed_runs(runs: list[Recording]) -> None:

@@ -16,14 +16,9 @@ from rlgcomp.diagnosis.hypotheses import Hypotheses
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording
-from rlgcomp.simulation.simulator import Simulator
+from tests.two_hour_runs import BASELINE, runs_of
 
-PROGRAMMES = (
-    "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
-    "start 25, hold 20, ramp 45 2, hold 30, ramp -10 2, hold 20, ramp 30 2, hold 10",
-)
 FEW = ("supply_voltage", "magnetic_field")
-BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
 WALKING = NoiseModel(angle_random_walk_deg_sqrt_h=0.0005, rate_random_walk_deg_h_sqrt_h=0.008)
 CALM = NoiseModel(angle_random_walk_deg_sqrt_h=0.0005, white=True)
 HALF = NoiseModel(angle_random_walk_deg_sqrt_h=0.00025, white=True)
@@ -31,7 +26,7 @@ HALF = NoiseModel(angle_random_walk_deg_sqrt_h=0.00025, white=True)
 
 def recorded(noise: NoiseModel) -> list[Recording]:
     simulator = dataclasses.replace(BASELINE, noise=noise)
-    return [simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+    return runs_of(simulator, 2)
 
 
 @pytest.fixture(scope="module")

@@ -179,6 +179,17 @@ def test_times_of_two_columns(tmp_path: Path, parts: dict[str, object], source: 
     assert by_code(run.findings)["dates"].message.data["first"].startswith("2021-01-2")
 
 
+@pytest.mark.parametrize(("unit", "per_second"), [("ms", 1_000), ("us", 1_000_000), ("ns", 1_000_000_000)])
+def test_a_part_of_a_second_without_its_unit_is_refused_with_the_unit(tmp_path: Path, unit: str, per_second: int) -> None:
+    quarters = np.arange(ROWS) % 4 * per_second // 4
+    frame = table(0.0, {"sec": 1_611_180_583 + np.arange(ROWS) // 4, "part": quarters}).drop(columns="time_s")
+    with pytest.raises(rlg.InputError, match=rf"--map time_s='sec \+ part \[{unit}\]'"):
+        read(tmp_path, frame, {"time_s": "sec + part"})
+    assert read(tmp_path, frame, {"time_s": f"sec + part [{unit}]"}).period_s == pytest.approx(0.25)
+    frame["part"] = quarters / per_second
+    assert read(tmp_path, frame, {"time_s": "sec + part"}).period_s == pytest.approx(0.25)
+
+
 def test_parts_that_are_no_time_are_refused(tmp_path: Path) -> None:
     frame = table(SECONDS, {"name": "a", "date": stamps("%Y-%m-%d"), "other": stamps("%Y-%m-%d")}).rename(columns={"time_s": "t"})
     for source, text in (

@@ -247,13 +247,14 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     def calibrated_interval(self) -> Interval:
         """From the errors of the selected model on runs left out."""
-        return self._calibrated(self._left_out_errors_deg_h(), np.ones(len(self.run_labels()), dtype=np.bool_))
+        errors, groups = self._left_out_errors_deg_h()
+        return self._calibrated(errors, groups, np.ones(len(errors), dtype=np.bool_))
 
     def offset_interval(self, offset_s: float) -> Interval:
         """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""
         if self._offset_interval is not None and self._offset_interval[0] == offset_s:
             return self._offset_interval[1]
-        errors, labels = self._left_out_errors_deg_h(), self.run_labels()
+        (errors, groups), labels = self._left_out_errors_deg_h(), self.run_labels()
         later = np.ones(len(errors), dtype=np.bool_)
         for label, part in enumerate(self.training_):
             rows = np.flatnonzero(labels == label)
@@ -261,7 +262,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             start = rows[: max(1, int(np.searchsorted(part.time_s, begin_s + offset_s)))]
             errors[rows] -= errors[start].mean()
             later[start] = len(start) == len(rows)
-        interval = self._calibrated(errors, later)
+        interval = self._calibrated(errors, groups, later)
         self._offset_interval = offset_s, interval
         return interval
 
@@ -491,19 +492,28 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
         )
 
-    def _left_out_errors_deg_h(self) -> Array:
-        """Error of each training window with its run left out."""
+    def _left_out_errors_deg_h(self) -> tuple[Array, npt.NDArray[np.int64]]:
+        """Error of each training window with its fold left out, and the label of that fold."""
         X, y, groups = self.training_rows()
-        return cross_validation_residuals(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h
+        return cross_validation_residuals(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h, groups
 
-    def _calibrated(self, errors_deg_h: Array, rows: npt.NDArray[np.bool_]) -> Interval:
-        """The interval from these rows of the training windows."""
+    def _calibrated(self, errors_deg_h: Array, groups: npt.NDArray[np.int64], rows: npt.NDArray[np.bool_]) -> Interval:
+        """The interval from these rows of the training windows.
+
+        Parameters
+        ----------
+        errors_deg_h : ndarray, shape (n,)
+            Of all training windows.
+        groups : ndarray of int, shape (n,)
+            Labels of their folds.
+        rows : ndarray of bool, shape (n,)
+        """
         y_deg_h = [part.y_deg_h for part in self.training_]
         return Interval.calibrated(
             errors_deg_h[rows],
             np.vstack([part.X for part in self.training_])[rows],
             np.concatenate(y_deg_h)[rows],
-            self.training_rows()[2][rows],
+            groups[rows],
             runs=len(self.training_),
             noise_deg_h=noise_of_windows_deg_h(y_deg_h),
             blocks=len(self.training_) == 1,

@@ -73,8 +73,8 @@ def next_experiment(
     tried = []
     longest_s = LONGEST * fits[0].data.longest_s
     for programme in (one for one in programmes if one.duration_s <= longest_s):
-        foreseen = laboratory.foreseen(programme, plant, grid.bin_s)
-        run = Run.of(foreseen, grid, lambda binned: np.zeros(len(binned)))
+        predicted = laboratory.foreseen(programme, plant, grid.bin_s)
+        run = Run.of(predicted, grid, lambda binned: np.zeros(len(binned)))
         squares = distances(fits, run)
         tried.append((float(prior @ expected(prior, squares)), programme.duration_s, squares, programme))
     if not tried:

@@ -62,8 +62,8 @@ class Hypotheses:
         usual = max(found, key=lambda noise: found[noise]) if self.stated else Noise()
         found = {noise: share / total for noise, share in found.items()}
         for (size, share), time in itertools.product(self.wanders.items(), priors.WANDER_TIMES):
-            beside = dataclasses.replace(usual, wander=size, wander_time=time)
-            found[beside] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
+            wandering = dataclasses.replace(usual, wander=size, wander_time=time)
+            found[wandering] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
         return {
             dataclasses.replace(noise, encoder=size): math.log(share * part)
             for (noise, share), (size, part) in itertools.product(found.items(), self.encoders.items())

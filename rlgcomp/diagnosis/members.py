@@ -119,8 +119,8 @@ class Members:
             return [best]
         assert region.grow is not None  # noqa: S101
         can = np.array([form.region == region.key and next(iter(region.grow(form)), None) is not None for form in self.forms])
-        switches = np.array([self.switches(form) for form in self.forms])
-        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, can & switches))
+        switching = np.array([grows and self.switches(form) for grows, form in zip(can, self.forms, strict=True)])
+        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, switching))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
     def grown_from(self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise) -> Member:

@@ -89,13 +89,13 @@ def _about(record: Record) -> list[tuple[str, str]]:
         ("Took part in the choice", "confirm", record.confirm_runs),
         ("Decided nothing, prove", "test", record.test_runs),
     )
-    told = [
+    rows = [
         ("Simulator", ", ".join(Path(name).name for name in files)),
         ("Output", f"{record.request.channel}, in {record.unit}"),
         *((label, ", ".join(record.names(runs))) for label, _, runs in groups),
         ("Made", str(record.made["date"])),
     ]
-    return [(label, value) for label, value in told if value]
+    return [(label, value) for label, value in rows if value]
 
 
 def _finding(one: Cause, picture: str) -> dict[str, Any]:

@@ -106,10 +106,14 @@ def _require_turns_told(run: Recording, channel: str, rate_deg_h: Array, table_d
         return
     to_deg = np.diff(run.time_s) / SECONDS_PER_HOUR
     to_deg[run.gaps] = 0.0  # there a table may have turned at any rate
-    turned, told = rate_deg_h[1:] * to_deg, table_deg_h[1:] * to_deg
-    turns = np.rint((turned - told) / DEG_PER_TURN)
+    turned, by_table = rate_deg_h[1:] * to_deg, table_deg_h[1:] * to_deg
+    turns = np.rint((turned - by_table) / DEG_PER_TURN)
     most = float(np.abs(turned).max())
-    if most < 0.5 * DEG_PER_TURN or not turns.any() or np.median(np.abs(turned - told - DEG_PER_TURN * turns)) > _WHOLE_TURNS_DEG:
+    if (
+        most < 0.5 * DEG_PER_TURN
+        or not turns.any()
+        or np.median(np.abs(turned - by_table - DEG_PER_TURN * turns)) > _WHOLE_TURNS_DEG
+    ):
         return
     angle = next(name for name in ANGLES if name in run)
     enough_s = 0.5 * DEG_PER_TURN / most * run.period_s

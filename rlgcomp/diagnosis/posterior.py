@@ -144,14 +144,14 @@ def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[f
     nuisances = frozenset(key for key, region in search.regions.items() if region.nuisance)
     null = next(state for state in states if state.key[0] <= nuisances and not state.key[1])
 
-    def beside(state: State) -> float:
+    def p_value_of(state: State) -> float:
         taken = nuisances | state.key[0]
         odds = [
             -math.inf if form.region in taken else form.log_share + search.regions[form.region].log_odds for form in search.forms
         ]
         return screened(search.screen(state.noise), np.array(odds), state.members)
 
-    in_noise, best = beside(null), states[0]
+    in_noise, best = p_value_of(null), states[0]
     if not left:
         return in_noise, math.nan
-    return in_noise, in_noise if best is null or best.telegraph is not None else beside(best)
+    return in_noise, in_noise if best is null or best.telegraph is not None else p_value_of(best)

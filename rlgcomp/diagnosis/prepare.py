@@ -78,7 +78,7 @@ class Prepared:
             messages += found
         straight = [interpolated_holds(run) for run in runs]
         messages += [one for run in runs for one in stuck_messages(run)]
-        messages += [told for _, told in straight if told is not None]
+        messages += [finding for _, finding in straight if finding is not None]
         runs = [run for run, _ in straight]
         if isinstance(simulator, Simulator) and simulator.kind == "turntable":
             runs = without_quantisation(runs)
@@ -126,8 +126,8 @@ def _with_simulation(
         raise InputError("no simulator; give one with --simulator, or its output with --simulated")
     else:
         predicted = simulator if isinstance(simulator, UserSimulator) else PythonSimulator(simulator, _name_of(simulator))
-    told = [run.replace(table=run.table.assign(**{SIMULATED: predicted.predict_deg_h(run)})) for run in runs]
-    return base, told, predicted
+    simulated = [run.replace(table=run.table.assign(**{SIMULATED: predicted.predict_deg_h(run)})) for run in runs]
+    return base, simulated, predicted
 
 
 def _kind(runs: Sequence[Recording]) -> Literal["chamber", "turntable"]:

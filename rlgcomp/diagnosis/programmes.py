@@ -43,9 +43,9 @@ class ChamberRange(NamedTuple):
         """
         found = cls(*map(float, given)) if len(given) == len(cls._fields) else None
         if found is None or not (math.isfinite(sum(found)) and found[0] < found[1] and found[2] > 0.0):
-            told = " ".join(f"{number:g}" for number in given)
+            received = " ".join(f"{number:g}" for number in given)
             raise InputError(
-                f"the chamber's range is {told}; give its lowest and highest temperature in degC and its fastest ramp "
+                f"the chamber's range is {received}; give its lowest and highest temperature in degC and its fastest ramp "
                 "in degC/min, as -40 70 2"
             )
         return found
@@ -111,12 +111,12 @@ def _chamber_limits(runs: Sequence[Recording]) -> tuple[float, float, float, flo
         highs.append(float(temperature.max()))
         rates.append(float(np.quantile(np.abs(rate_per_min(temperature, run.time_s, 600.0)), 0.99)))
         try:
-            told = Programme.parse(str(run.metadata.notes.get("programme", "")))
+            programme = Programme.parse(str(run.metadata.notes.get("programme", "")))
         except InputError:
             continue
-        ramps = [step for step in told.steps if isinstance(step, Ramp)]
-        lows.append(float(told.corners[1].min()))
-        highs.append(float(told.corners[1].max()))
+        ramps = [step for step in programme.steps if isinstance(step, Ramp)]
+        lows.append(float(programme.corners[1].min()))
+        highs.append(float(programme.corners[1].max()))
         rates += [step.rate_degC_min for step in ramps]
     rate = max(*rates, _SLOWEST_DEG_C_MIN)
     return min(lows), max(highs), float(np.median(starts)), min(rate, chamber.FASTEST_DEG_C_MIN)

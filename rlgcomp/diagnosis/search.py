@@ -72,15 +72,7 @@ class State:
 
 
 class Search(Members):
-    """Sets of regions and their posterior.
-
-    Parameters
-    ----------
-    bank : Bank
-    regions : sequence of Region
-    layout : Layout, optional
-        Of an earlier search over the same regions, beside the same baseline.
-    """
+    """Sets of regions and their posterior; parameters are those of :class:`~rlgcomp.diagnosis.members.Members`."""
 
     def __init__(self, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> None:
         super().__init__(bank, regions, layout)
@@ -302,9 +294,9 @@ class Search(Members):
             if late is None:
                 break
             found = self._with_errors(late)
-            settled = found.log_posterior < best.log_posterior + WORTH_MORE
+            converged = found.log_posterior < best.log_posterior + WORTH_MORE
             best = max(best, found, key=lambda one: one.log_posterior)
-            if settled:
+            if converged:
                 break
         return best
 

@@ -44,9 +44,9 @@ def as_text(record: Record) -> str:
         parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {record.unit}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
-    told = remarks(record)
-    if told:
-        parts.append("\n".join(f"- {one}" for one in told))
+    messages = remarks(record)
+    if messages:
+        parts.append("\n".join(f"- {one}" for one in messages))
     return "\n\n".join(parts)
 
 

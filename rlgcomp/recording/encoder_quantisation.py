@@ -221,14 +221,14 @@ def _nearest(angle: Array, time_s: Array, step: float) -> Array | None:
     """The line whose largest distance from the angles is least; None where that is more than half a step."""
     since = time_s - time_s[0]
     slope = (angle[-1] - angle[0]) / since[-1]
-    beside = angle - angle[0] - slope * since
-    if np.ptp(beside) > 2.0 * (1.0 + _SAME) * step:
+    deviation = angle - angle[0] - slope * since
+    if np.ptp(deviation) > 2.0 * (1.0 + _SAME) * step:
         return None  # the ends are off by half a step each at most
     low, high = -2.0 * step / since[-1], 2.0 * step / since[-1]
     for _ in range(_NARROWED):
         one, two = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        low, high = (low, two) if np.ptp(beside - one * since) < np.ptp(beside - two * since) else (one, high)
-    left = beside - 0.5 * (low + high) * since
+        low, high = (low, two) if np.ptp(deviation - one * since) < np.ptp(deviation - two * since) else (one, high)
+    left = deviation - 0.5 * (low + high) * since
     if np.ptp(left) > (1.0 + _SAME) * step:
         return None
     return np.asarray(angle - left + 0.5 * (left.max() + left.min()))

@@ -128,6 +128,7 @@ def of_parts(parts: Sequence[tuple[str, pd.Series, str | None]], *, name: str) -
     dates: pd.Series | None = None
     nanoseconds = pd.Series(0, index=parts[0][1].index, dtype="Int64")
     weeks = 0
+    in_seconds: str | None = None
     for column, values, stated in parts:
         by_name = "week" if "week" in column.lower() and pd.api.types.is_numeric_dtype(values) else None
         unit = stated or by_name
@@ -143,7 +144,10 @@ def of_parts(parts: Sequence[tuple[str, pd.Series, str | None]], *, name: str) -
         numbers = pd.to_numeric(values, errors="coerce")
         if numbers.isna().all():
             raise InputError(f"{name}: {column} holds neither dates, clock times nor numbers, the first is {_first(values)!r}")
+        if unit is None and in_seconds is not None:
+            _require_fraction(column, numbers, nanoseconds, first=in_seconds, name=name)
         factor = float(units.convert(1.0, unit or "s", "s"))
+        in_seconds = column if factor == 1.0 else in_seconds
         weeks += factor == units.convert(1.0, "week", "s")
         nanoseconds = nanoseconds + _whole_nanoseconds(numbers, factor)
     first = nanoseconds.dropna()
@@ -154,6 +158,35 @@ def of_parts(parts: Sequence[tuple[str, pd.Series, str | None]], *, name: str) -
     if dates is None:
         return pd.Series(nanoseconds.to_numpy(dtype=np.float64, na_value=np.nan) / _NS_PER_S, index=nanoseconds.index)
     return dates.astype("datetime64[ns]") + pd.to_timedelta(nanoseconds, unit="ns")
+
+
+def _require_fraction(column: str, numbers: pd.Series, nanoseconds: pd.Series, *, first: str, name: str) -> None:
+    """Raise where numbers without a unit stand with seconds since 1970 and are no fraction of a second.
+
+    Parameters
+    ----------
+    column : str
+    numbers : pandas.Series
+    nanoseconds : pandas.Series
+        The sum of the parts before.
+    first : str
+        That of them which is in seconds.
+    name : str
+        What messages call the file.
+
+    Raises
+    ------
+    InputError
+        They are none.
+    """
+    known = nanoseconds.dropna()
+    largest = float(numbers.max())
+    if len(known) and _may_be_epoch(float(known.iloc[0]) / _NS_PER_S) and largest >= 1.0:
+        unit = next((one for one, count in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if largest < count), "ns")
+        raise InputError(
+            f"{name}: {column} goes up to {largest:g}, no fraction of a second beside the seconds since 1970 in {first}; state its "
+            f"unit, as in --map time_s='{first} + {column} [{unit}]'"
+        )
 
 
 def _dates_of_part(column: str, values: pd.Series, unit: str | None) -> pd.Series | None:

@@ -146,15 +146,15 @@ def _clock(recording: Recording, simulated: Recording, rate: Array, epoch_s: flo
     """The column that tells time well, what it tells, and whether nothing but another clock can explain it."""
     grid = _Grid.of(recording, simulated, epoch_s)
     shared = [column for column in recording.columns if column in simulated and column != TIME and not is_gyro(column)]
-    told = []
+    candidates = []
     for column in shared:
         clock = grid.compare(recording.column(column), simulated.column(column))
         if clock.explained > _LIKE and math.isfinite(clock.offset_sd_s):
-            told.append((column, clock))
+            candidates.append((column, clock))
             if clock.offset_sd_s < _WELL_TOLD * recording.period_s:
                 break
-    if told:
-        return *min(told, key=lambda pair: pair[1].offset_sd_s), True
+    if candidates:
+        return *min(candidates, key=lambda pair: pair[1].offset_sd_s), True
     measured = recording.rate_deg_h(gyro)
     clock = grid.compare(measured, rate)
     if recording.metadata.kind == "turntable" and clock.explained > _TURNS and math.isfinite(clock.offset_sd_s):
@@ -207,8 +207,8 @@ class _Grid:
         calm = self._without_corners(target, fixed, simulated, found)
         if calm is None:
             return found
-        settled = calm.settle(*calm.means(recorded, nuisance), simulated, found.offset_s, found.drift).clock
-        return dataclasses.replace(settled, p_value=found.p_value) if math.isfinite(settled.offset_sd_s) else found
+        refined = calm.settle(*calm.means(recorded, nuisance), simulated, found.offset_s, found.drift).clock
+        return dataclasses.replace(refined, p_value=found.p_value) if math.isfinite(refined.offset_sd_s) else found
 
     def means(self, recorded: Array, nuisance: Sequence[Array]) -> tuple[Array, Array]:
         """Window means of a column, and of a constant and nuisance columns."""

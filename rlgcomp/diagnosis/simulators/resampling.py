@@ -93,8 +93,8 @@ def turning_evenly(recording: Recording, simulated: Recording, shown: Shown, fou
     """Rows that can be compared with the simulation's gyro, `shown` at them: all but those in which a table speeds up or slows down
     by more than is known of the clock, or than a simulation of other rows tells. Of a clock of which nothing is known, all."""
     known = np.isfinite(shown.rate_deg_h)
-    told = math.isfinite(found.offset_sd_s) and math.isfinite(found.drift_ppm_sd)
-    if recording.metadata.kind != "turntable" or not told or np.array_equal(recording.time_s, simulated.time_s):
+    clock_known = math.isfinite(found.offset_sd_s) and math.isfinite(found.drift_ppm_sd)
+    if recording.metadata.kind != "turntable" or not clock_known or np.array_equal(recording.time_s, simulated.time_s):
         return np.ones(len(known), dtype=np.bool_)
     time_s = recording.time_s
     rate = np.interp(time_s, time_s[known], shown.rate_deg_h[known])

@@ -115,21 +115,21 @@ class SimulatedRuns:
         _require_order(runs, simulated, gyro)
         pairs = list(zip(runs, simulated, strict=True))
         clocks = [clock_of(run, simulation, gyro=gyro) for run, simulation in pairs]
-        doubted = no_clocks(clocks)
-        if doubted is not None:
+        refusal = no_clocks(clocks)
+        if refusal is not None:
             clocks = [dataclasses.replace(clock, taken_out=False) for clock in clocks]
         shown = [on_rows(*pair, clock, gyro=gyro) for pair, clock in zip(pairs, clocks, strict=True)]
         even = [turning_evenly(*pair, one, clock, gyro=gyro) for pair, one, clock in zip(pairs, shown, clocks, strict=True)]
         for pair, rows in zip(pairs, even, strict=True):
             _require_told(*pair, rows)
         rates = [np.where(rows, one.rate_deg_h, np.nan) for rows, one in zip(even, shown, strict=True)]
-        kept, told = zip(
+        kept, left_out = zip(
             *(_without_gaps(run, rate, rows) for (run, _), rate, rows in zip(pairs, rates, even, strict=True)), strict=True
         )
         messages = [_clock_message(clock) for clock in clocks if clock.taken_out]
-        messages += [one for one in told if one is not None]
+        messages += [one for one in left_out if one is not None]
         rates = [rate[np.isfinite(rate)] for rate in rates]
-        return cls(kept, tuple(rates), tuple(clocks), tuple(messages), () if doubted is None else (doubted,))
+        return cls(kept, tuple(rates), tuple(clocks), tuple(messages), () if refusal is None else (refusal,))
 
     def predict_deg_h(self, recording: Recording) -> Array:
         """The simulated gyro at a run's rows; of a part of a run, or of means over its rows, at their times."""
@@ -162,12 +162,12 @@ def _without_gaps(run: Recording, simulated_deg_h: Array, even: npt.NDArray[np.b
     if shown.all():
         return run, None
     rows = {"not_simulated": int(np.sum(~shown & even)), "turning_unevenly": int(np.sum(~even))}
-    told = message("diagnosis.rows_without_simulation", run=run.name, **rows)
+    finding = message("diagnosis.rows_without_simulation", run=run.name, **rows)
     table = run.table
     if RATE in run and not any(column in run for column in ANGLES):  # by how far it turns in rows that are left out, these tell
         with contextlib.suppress(InputError):  # half a turn and more from row to row
             table = table.assign(**{ANGLES[0]: angle_deg(run)})
-    return run.replace(table=table[shown], truth=None if run.truth is None else run.truth[shown]), told
+    return run.replace(table=table[shown], truth=None if run.truth is None else run.truth[shown]), finding
 
 
 def _require_told(run: Recording, simulated: Recording, even: npt.NDArray[np.bool_]) -> None:

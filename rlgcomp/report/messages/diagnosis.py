@@ -37,11 +37,11 @@ def _causes(simulator: str, causes: Sequence[Mapping[str, Any]]) -> str:
 def _law(simulator: str, causes: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]]) -> str:
     lacks = f"{simulator[:1].upper()}{simulator[1:]} lacks "
     named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
-    told = [
+    texts = [
         f"a law of {listing(list(one['drivers']))} ({one['memory']}, probability {probability_text(one['probability'])})"
         for one in laws
     ]
-    return f"{lacks}{named}{listing(told)}; no candidate mechanism has this form."
+    return f"{lacks}{named}{listing(texts)}; no candidate mechanism has this form."
 
 
 def _wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
@@ -110,8 +110,8 @@ def _step(run: str, at_s: float, size: float, sd: float, unit: str) -> str:
 
 
 def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
-    told = [f"{run} {estimate_text(value, sds[run], unit)}" for run, value in biases.items()]
-    return f"Each run has a bias of its own: {listing(told)}."
+    texts = [f"{run} {estimate_text(value, sds[run], unit)}" for run, value in biases.items()]
+    return f"Each run has a bias of its own: {listing(texts)}."
 
 
 def _late_thermometer(column: str, lag_s: float, sd_s: float) -> str:
@@ -129,8 +129,8 @@ def _wrong_number(mechanism: str, parameter: str, stated: float, found: float, s
 
 
 def _alike(mechanism: str, others: Sequence[str], probabilities: Sequence[float]) -> str:
-    told = [f"{name} ({probability_text(p, 2)})" for name, p in zip(others, probabilities, strict=True)]
-    return f"These runs cannot tell {mechanism} from {listing(told, 'or')}."
+    texts = [f"{name} ({probability_text(p, 2)})" for name, p in zip(others, probabilities, strict=True)]
+    return f"These runs cannot tell {mechanism} from {listing(texts, 'or')}."
 
 
 def _other_form(mechanism: str, equation: str) -> str:
