@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.errors import InputError
-from rlgcomp.scratch import publish, publish_all, recover, scratch_folder
+from rlgcomp.scratch import publish_all, recover, scratch_folder
 
 _EXPONENT: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]\d+$")  # as 6e-06, which YAML 1.1 takes for text
 _MOST_DIGITS: Final = 300  # of a whole number that a float can hold
@@ -65,7 +65,8 @@ def whole_file(path: str | Path, *, overwrite: bool = False, written: Callable[[
 def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
     """Yield a scratch folder that becomes `path` only if the block ends without an exception; missing parents are made.
 
-    An existing folder is replaced only when it is empty, or an earlier run made it and nothing else was put into it since.
+    An existing folder is replaced only when it is empty, or an earlier run made it and nothing else was put into it since. What the
+    block puts beside the scratch folder, under other names, is published with it: all of these, or none.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def whole_folder(path: str | Path, *, writes: Sequence[str]) -> Iterator[Path]:
         yield made
         if place.exists():
             _require_still(path, writes, made)
-        publish(made)
+        publish_all(made.parent)
 
 
 def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
@@ -104,6 +105,8 @@ def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
     except InputError as error:
         saved = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent.parent))
         os.replace(made, saved)
+        for beside in made.parent.iterdir():
+            os.replace(beside, saved / beside.name)
         raise InputError(f"{error}; what was made lies in {saved}") from None
 
 

@@ -39,7 +39,7 @@ def scratch_folder(parent: Path) -> Iterator[Path]:
         try:
             yield folder
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
 
 
 @contextlib.contextmanager
@@ -68,7 +68,7 @@ def publish(path: Path) -> None:
 
 
 def publish_all(scratch: Path) -> None:
-    """All files in a scratch folder take their places beside it: all or none, also where the process is killed meanwhile."""
+    """All that is in a scratch folder takes its places beside it: all or none, also where the process is killed meanwhile."""
     if len(paths := list(scratch.iterdir())) == 1:
         publish(paths[0])
         return
@@ -83,8 +83,8 @@ def recover(folder: Path, *, reading: str | None = None) -> None:
     ----------
     folder : Path
     reading : str, optional
-        Name of a file that is to be read: no scratch is removed, and a living process that is about to replace the file is waited
-        for.
+        Name of a file or a folder that is to be read: no scratch is removed, and a living process that is about to replace it is
+        waited for.
     """
     with contextlib.suppress(OSError, ValueError):  # a folder that cannot be read or written needs no recovery by this process
         for entry in sorted(os.scandir(folder), key=lambda one: one.name):
@@ -127,8 +127,11 @@ def _flush_one(path: Path) -> None:
 def _publish_together(scratch: Path) -> None:
     decided = scratch.with_name(scratch.name.replace(PREFIX, PUBLISHED, 1))
     os.replace(scratch, decided)
-    _flush_one(decided.parent)
-    _finish(decided)
+    try:
+        _flush_one(decided.parent)
+        _finish(decided)
+    except OSError:  # decided is decided: one more attempt, after which the next to look here goes on
+        _finish(decided)
 
 
 def _finish(decided: Path) -> None:
@@ -142,7 +145,14 @@ def _finish(decided: Path) -> None:
             os.replace(place, decided / _RETIRED / path.name)
         os.replace(path, place)
     _flush_one(decided.parent)
-    shutil.rmtree(decided)
+    _remove(decided)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder, with a second attempt where a call fails that may pass; what stays is removed by the next writer."""
+    for _ in range(2):
+        if folder.exists():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _recover_one(folder: Path, *, wait: bool) -> None:
@@ -155,7 +165,7 @@ def _recover_one(folder: Path, *, wait: bool) -> None:
         if folder.name.startswith(PUBLISHED):
             _finish(folder)
         else:
-            shutil.rmtree(folder, ignore_errors=True)
+            _remove(folder)
     finally:
         os.close(lock)
 

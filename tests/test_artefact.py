@@ -21,6 +21,7 @@ import rlgcomp as rlg
 from rlgcomp.compensation.artefact import MANIFEST, SUMS, identity
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.files import sha256
+from rlgcomp.scratch import PUBLISHED
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,14 @@ def test_it_predicts_the_same_to_the_last_bit(saved: Path, trained: rlg.Compensa
     assert again.pipeline_ == trained.pipeline_
     assert again.selection_.best == trained.selection_.best
     assert len(again.training_) == 2
+
+
+def test_a_model_whose_publication_was_killed_is_finished_by_its_reader(saved: Path, tmp_path: Path) -> None:
+    """Between the two renames of a system that exchanges no names, the model's place is empty."""
+    (tmp_path / f"{PUBLISHED}x").mkdir()
+    shutil.copytree(saved, tmp_path / f"{PUBLISHED}x" / "model")
+    rlg.load(tmp_path / "model")
+    assert [path.name for path in tmp_path.iterdir()] == ["model"]
 
 
 def test_saving_what_was_loaded_gives_the_same_numbers(saved: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import rlgcomp as rlg
 from rlgcomp.calibration.file import Calibration, triad_content, write_calibration
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.numerics import frames
+from rlgcomp.scratch import PUBLISHED
 from tests import triads
 from tests.triads import SHORT, SILENT
 
@@ -50,6 +51,16 @@ def test_a_single_gyros_scale_factor_is_applied(tmp_path: Path) -> None:
     table = pd.DataFrame({"time_s": np.arange(10.0), "gyro_pulses": np.arange(10.0)})
     clean = Calibration.read(tmp_path / "k.json").apply(rlg.Recording(table, rlg.Metadata(kind="static")))
     assert clean.column("gyro_deg_h") == pytest.approx(0.84279066 * np.arange(10.0))
+
+
+def test_a_calibration_whose_publication_was_killed_is_finished_by_its_reader(tmp_path: Path) -> None:
+    content = {"schema": "rlgcomp.calibration/1", "kind": "gyro"}
+    write_calibration(tmp_path / "k.json", {**content, "pulse_arcsec": 1.0})
+    rest = tmp_path / f"{PUBLISHED}x"
+    rest.mkdir()
+    write_calibration(rest / "k.json", {**content, "pulse_arcsec": 2.0})
+    assert Calibration.read(tmp_path / "k.json").content["pulse_arcsec"] == 2.0
+    assert [path.name for path in tmp_path.iterdir()] == ["k.json"]
 
 
 @pytest.mark.parametrize(

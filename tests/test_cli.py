@@ -361,12 +361,13 @@ def test_a_command_replaces_what_it_wrote_and_nothing_else(folder: Path, tmp_pat
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
-def test_a_model_and_the_code_in_its_folder_are_replaced_together(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("place", ["model/c", "code"])
+def test_a_model_and_the_code_in_its_folder_or_beside_it_are_replaced_together(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
-    model = tmp_path / "model"
+    model, code = tmp_path / "model", tmp_path / place
     monkeypatch.setattr("rlgcomp.export.toolchain.TOOLCHAINS", ())
-    train = ("train", folder / "run1.parquet", folder / "run2.parquet", "--model", "cubic", "--out", model, "--export", model / "c")
+    train = ("train", folder / "run1.parquet", folder / "run2.parquet", "--model", "cubic", "--out", model, "--export", code)
     assert run(*train).exit_code == 0
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     with monkeypatch.context() as broken:
@@ -376,7 +377,7 @@ def test_a_model_and_the_code_in_its_folder_are_replaced_together(
     assert run(*train, "--averaging-s", "200").exit_code == 0
     after = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     assert after.keys() == before.keys()
-    assert after[model / "c" / "report.json"] != before[model / "c" / "report.json"]
+    assert after[code / "report.json"] != before[code / "report.json"]
 
 
 def test_what_a_command_reads_is_not_replaced(folder: Path, tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -16,6 +18,7 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import app, register_commands
 from rlgcomp.compensation.models import MODELS
+from rlgcomp.errors import InputError
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.accuracy import bounds_of, span_deg_h
 from rlgcomp.export.c import CExport
@@ -529,6 +532,32 @@ def test_a_compiler_that_does_not_work_is_told_from_code_that_does_not_compile(t
     broken = tools.Toolchain("broken", "gcc", ("-O2", "-lno-such-library"))
     with pytest.raises(tools.ToolchainError):
         tools.build(broken, [tmp_path / "bad.c"], tmp_path)
+
+
+def test_a_machine_that_is_short_of_room_is_no_broken_compiler(
+    trained: rlg.Compensator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the code would be exported unverified, or a fault of the export be reported."""
+    trained.save(tmp_path / "model")
+    for number in (errno.ENOSPC, errno.EDQUOT, errno.EMFILE, errno.EIO):
+        with monkeypatch.context() as short:
+
+            def fails(*_: object, number: int = number, **__: object) -> None:
+                raise OSError(number, os.strerror(number))
+
+            short.setattr(shutil, "which", lambda program: program)
+            short.setattr(subprocess, "run", fails)
+            code, _, err = run("export", tmp_path / "model", "--max-centres", 5, "--out", tmp_path / "out")
+        assert code == 2
+        assert os.strerror(number) in err
+        assert not (tmp_path / "out").exists()
+    compiler = tmp_path / "full"
+    compiler.write_text("#!/bin/sh\necho 'cc1: fatal error: x.s: No space left on device' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    with pytest.raises(InputError, match=r"cannot compile: cc1: fatal error: x\.s: No space left on device; make room"):
+        tools.build(tools.Toolchain("full", str(compiler), ()), [], tmp_path)
+    with pytest.raises(tools.ToolchainError, match="No such file"):
+        tools.build(tools.Toolchain("absent", str(tmp_path / "absent"), ()), [], tmp_path)
 
 
 @needs_gcc

@@ -49,6 +49,10 @@ os.replace = counted
 if sys.argv[3] == "folder":
     with whole_folder(place / "out", writes=("mine",)) as folder:
         (folder / "mine").write_text("new")
+elif sys.argv[3] == "folder and file":
+    with whole_folder(place / "out", writes=("mine",)) as folder:
+        (folder / "mine").write_text("new")
+        (folder.parent / "run.csv").write_text("new")
 else:
     with whole_file(place / "run.csv", overwrite=True) as file:
         file.write_text("new")
@@ -81,7 +85,7 @@ def test_scratch_of_a_killed_process_is_removed_by_the_next_and_that_of_a_living
 
 
 @pytest.mark.parametrize("last", range(5))
-@pytest.mark.parametrize("kind", ["folder", "files"])
+@pytest.mark.parametrize("kind", ["folder", "folder and file", "files"])
 def test_a_kill_between_two_renames_leaves_the_old_or_the_new_whole(tmp_path: Path, kind: str, last: int) -> None:
     (tmp_path / "out").mkdir()
     for name in ("out/mine", "run.csv", "run.yaml"):
@@ -89,11 +93,53 @@ def test_a_kill_between_two_renames_leaves_the_old_or_the_new_whole(tmp_path: Pa
     subprocess.run([sys.executable, "-c", KILLED_BETWEEN, str(tmp_path), str(last), kind], check=False)
     recover(tmp_path, reading="run.csv")
     wanted = "new" if last > 0 else "old"
-    ours = ["out/mine"] if kind == "folder" else ["run.csv", "run.yaml"]
+    ours = {"folder": ["out/mine"], "folder and file": ["out/mine", "run.csv"], "files": ["run.csv", "run.yaml"]}[kind]
     assert [(tmp_path / name).read_text() for name in ours] == [wanted] * len(ours)
     recover(tmp_path)
     assert names(tmp_path) == {"out/mine", "run.csv", "run.yaml"}
     assert [(tmp_path / name).read_text() for name in ours] == [wanted] * len(ours)
+
+
+@pytest.mark.parametrize("kind", ["folder", "folder and file", "files"])
+@pytest.mark.parametrize("call", ["replace", "rmdir", "unlink", "mkdir", "fsync"])
+def test_a_call_that_fails_once_leaves_the_old_or_the_new_and_no_scratch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, call: str
+) -> None:
+    ours = {"folder": ["out/mine"], "folder and file": ["out/mine", "run.csv"], "files": ["run.csv", "run.yaml"]}[kind]
+    original, number = getattr(os, call), 0
+    monkeypatch.setattr(scratch, "exchange", lambda one, other: False)
+    while True:
+        for path in ("out/mine", "run.csv", "run.yaml"):
+            (tmp_path / path).parent.mkdir(exist_ok=True)
+            (tmp_path / path).write_text("old")
+        calls: list[object] = []
+
+        def failing(*arguments: object, at: int = number, calls: list[object] = calls, **named: object) -> object:
+            calls.append(arguments)
+            if len(calls) == at + 1:
+                raise OSError(5, os.strerror(5))
+            return original(*arguments, **named)
+
+        with monkeypatch.context() as broken:
+            broken.setattr(os, call, failing)
+            try:
+                if kind == "files":
+                    with whole_file(tmp_path / "run.csv", overwrite=True) as file:
+                        file.write_text("new")
+                        file.with_suffix(".yaml").write_text("new")
+                else:
+                    with whole_folder(tmp_path / "out", writes=("mine",)) as folder:
+                        (folder / "mine").write_text("new")
+                        if kind == "folder and file":
+                            (folder.parent / "run.csv").write_text("new")
+            except (OSError, InputError):
+                pass
+        assert names(tmp_path) == {"out/mine", "run.csv", "run.yaml"}
+        assert {path.name for path in tmp_path.iterdir()} == {"out", "run.csv", "run.yaml"}
+        assert len({(tmp_path / name).read_text() for name in ours}) == 1
+        if len(calls) <= number:
+            break
+        number += 1
 
 
 def test_folders_of_other_users_are_not_published_in_a_common_folder(tmp_path: Path) -> None:

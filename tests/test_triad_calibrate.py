@@ -148,6 +148,30 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     assert json.loads(again.stdout)["schema"] == "rlgcomp.calibration/1"
 
 
+@pytest.mark.parametrize("report", ["report", "."])
+def test_a_calibration_and_its_report_are_replaced_together(
+    tmp_path: Path, files: list[Path], monkeypatch: pytest.MonkeyPatch, report: str
+) -> None:
+    out = tmp_path / "out" / "cal.json"
+    out.parent.mkdir()
+    command = ("calibrate", *files[:2], "--out", out, "--report", out.parent / report, "--angle-random-walk")
+    assert invoke(*command, "0.0004").exit_code == 0
+
+    def contents() -> dict[str, bytes]:
+        return {path.name: path.read_bytes() for path in out.parent.rglob("*") if path.is_file()}
+
+    before = contents()
+    assert before.keys() == {"cal.json", "curves.csv", "report.html"}
+    with monkeypatch.context() as broken:
+        broken.setattr("rlgcomp.calibration.file.write_calibration", lambda *_, **__: 1 / 0)
+        assert invoke(*command, "0.0005").exit_code == 1
+    assert contents() == before
+    assert invoke(*command, "0.0005").exit_code == 0
+    after = contents()
+    assert after.keys() == before.keys()
+    assert all(after[name] != before[name] for name in ("cal.json", "report.html"))
+
+
 def test_an_interval_is_calibrated_alone(tmp_path: Path, files: list[Path]) -> None:
     """From the second turn on: what came before the interval is not integrated."""
     result = invoke("calibrate", f"{files[0]}@24:", files[1], "--out", tmp_path / "cal.json", "--json")

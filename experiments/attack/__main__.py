@@ -98,19 +98,26 @@ def _kills(trials: Iterable[kills.Trial]) -> str:
         for key in (trial.command, "all"):
             counts[key]["kills" if trial.how == "kill" else "errors"] += 1
             counts[key]["problems"] += bool(trial.problems)
+            counts[key]["finished"] += trial.finished
         if trial.problems:
             text = "; ".join(trial.problems).replace("\n", " ")
             problems.append(f"- {trial.command}, {trial.how} at change {trial.at} of {trial.of}: {text}")
             print(problems[-1], file=sys.stderr, flush=True)
-    lines = ["## Kills and failing calls", "", "| command | kills | failing calls | problems |", "|---|---|---|---|"]
+    lines = [
+        "## Kills and failing calls",
+        "",
+        "| command | kills | failing calls | finished by the next reader | problems |",
+        "|---|---|---|---|---|",
+    ]
     lines += [
-        f"| {name} | {counts[name]['kills']} | {counts[name]['errors']} | {counts[name]['problems']} |"
+        f"| {name} | {counts[name]['kills']} | {counts[name]['errors']} | {counts[name]['finished']} | {counts[name]['problems']} |"
         for name in (*(one.name for one in kills.COMMANDS), "all")
     ]
     text = (
         "\nA command is killed, or one of its calls fails with ENOSPC, EACCES, EIO, EROFS, EDQUOT or EMFILE, at one of the changes that "
         "it makes to the file system. The output must be the earlier result or the new one, the same command must then make the new "
-        "one, and no scratch may be left.\n"
+        "one, and no scratch may be left. Files that belong together take their places one after the other; where a kill came between, "
+        "the next command that reads there finishes it, and the page looks once more.\n"
     )
     return "\n".join([*lines, text, *problems])
 

@@ -41,6 +41,7 @@ class Attacked:
     arguments: tuple[str, ...]
     writes: tuple[str, ...]
     piecewise: bool = False  # fleet and stream go on with what is there
+    reader: tuple[str, ...] = ()  # a command that reads files which take their places together
 
     def line(self, k: int) -> list[str]:
         return [one.replace("{k}", str(k)).replace("{model}", ("lssvm", "cubic")[k]) for one in self.arguments]
@@ -51,12 +52,12 @@ COMMANDS: Final = (
     Attacked("train with code", ("train", "good0.parquet", "good1.parquet", "--model", "cubic", "--averaging-s", "1{k}0", "--out", "o", "--export", "o/c"), ("o",)),
     Attacked("fleet", ("fleet", "train", "two.csv", "--model", "cubic", "--averaging-s", "1{k}0", "--out", "o"), ("o",), piecewise=True),
     Attacked("follow", ("compensate", "cubic", "good2.csv", "--follow", "--idle-s", "0", "--out", "o.csv"), ("o.csv",), piecewise=True),
-    Attacked("compensate", ("compensate", "cubic", "good{k}.parquet", "--out", "o.csv"), ("o.csv", "o.yaml")),
+    Attacked("compensate", ("compensate", "cubic", "good{k}.parquet", "--out", "o.csv"), ("o.csv", "o.yaml"), reader=("inspect", "o.csv")),
     Attacked("diagnose", ("diagnose", "--simulator", "sim{k}.yaml", "--train", "good0.parquet", "--test", "good1.parquet", "--out", "o"), ("o",)),
     Attacked("export", ("export", "{model}", "--to", "c", "--no-board", "--name", "n", "--out", "o"), ("o",)),
     Attacked("conceal", ("conceal", "gyro.yaml", "--hide", "thermal_lag", "--seed", "{k}", "--step-s", "20", "--out", "o{k}"), ("o1",)),
-    Attacked("simulate", ("simulate", "gyro.yaml", "--profile", PROGRAMME, "--seed", "{k}", "--out", "o.csv"), ("o.csv", "o.yaml")),
-    Attacked("calibrate", ("calibrate", "step0.parquet", "step1.parquet", "step2.parquet", "--angle-random-walk", "0.00{k}5", "--report", "o", "--out", "o.json"), ("o.json", "o")),
+    Attacked("simulate", ("simulate", "gyro.yaml", "--profile", PROGRAMME, "--seed", "{k}", "--out", "o.csv"), ("o.csv", "o.yaml"), reader=("inspect", "o.csv")),
+    Attacked("calibrate", ("calibrate", "step0.parquet", "step1.parquet", "step2.parquet", "--angle-random-walk", "0.00{k}5", "--report", "o", "--out", "o.json"), ("o.json", "o"), reader=("compensate", "cubic", "good0.parquet", "--calibration", "o.json", "--out", "x.h5")),
     Attacked("merge", ("merge", "good{k}.parquet", "slow.csv", "--offset-s", "0", "--out", "o.h5"), ("o.h5",)),
     Attacked("evaluate", ("evaluate", "cubic", "good{k}.parquet", "--no-comparison", "--out", "o"), ("o",)),
     Attacked("allan", ("allan", "good{k}.parquet", "--out", "o"), ("o",)),
@@ -72,6 +73,7 @@ class Trial:
     at: int
     of: int
     problems: tuple[str, ...]
+    finished: bool  # what was killed between two renames was finished by the next command that read there
 
 
 def trials(folder: Path, kills: int, errors: int, seed: int) -> Iterator[Trial]:
@@ -108,7 +110,10 @@ def trials(folder: Path, kills: int, errors: int, seed: int) -> Iterator[Trial]:
         problems = []
         if how != "kill" and result.problem:
             problems.append(f"{result.problem}: {result.error[-200:]}")
-        now = _contents(place, attacked)
+        now, finished = _contents(place, attacked), False
+        if now not in (old, new) and attacked.reader:
+            command(list(attacked.reader), place, longest_s=300.0)
+            now, finished = _contents(place, attacked), True
         if now not in (old, new) and not attacked.piecewise:
             problems.append("neither the earlier result nor the new one is whole")
         if how != "kill" and (scratch := _scratch(place)):
@@ -123,7 +128,7 @@ def trials(folder: Path, kills: int, errors: int, seed: int) -> Iterator[Trial]:
         if scratch := _scratch(place):
             problems.append(f"{scratch} is left after the rerun")
         shutil.rmtree(place)
-        yield Trial(attacked.name, how, at, changes, tuple(problems))
+        yield Trial(attacked.name, how, at, changes, tuple(problems), finished)
 
 
 def _known(folder: Path, attacked: Attacked) -> tuple[Path, Any, Any, int]:

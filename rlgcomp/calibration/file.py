@@ -25,6 +25,7 @@ from rlgcomp.files import from_json, read_text, sha256, write_result
 from rlgcomp.numerics import frames
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.report.messages import Message
+from rlgcomp.scratch import recover
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
 
 Array = npt.NDArray[np.float64]
@@ -101,6 +102,7 @@ class Calibration:
             It cannot be read or is no calibration.
         """
         path = Path(path)
+        recover(path.absolute().parent, reading=path.name)
         try:
             content = from_json(read_text(path))
         except FileNotFoundError:

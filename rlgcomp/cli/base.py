@@ -7,6 +7,7 @@ import contextvars
 import functools
 import logging
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -230,6 +231,28 @@ def require_folder(out: Path, writes: Sequence[str], *read: str | Path | Sequenc
         for file in [inputs] if isinstance(inputs, str | Path) else inputs or []:
             text = str(file)
             require_apart(out, text, text.rpartition("@")[0], text.rpartition(":")[0])
+
+
+def place_with(scratch: Path, folder: Path, other: Path) -> Path | None:
+    """The path at which a further output is written so that it takes its place together with a folder.
+
+    Parameters
+    ----------
+    scratch : Path
+        As :func:`rlgcomp.files.whole_folder` yields it for the folder.
+    folder, other : Path
+        Final places of the folder and of the further output.
+
+    Returns
+    -------
+    Path or None
+        None where the output lies neither in the folder nor beside it: then it has to be written by itself.
+    """
+    place = Path(os.path.realpath(folder))
+    final = Path(os.path.realpath(other.absolute().parent)) / other.name
+    if place in final.parents:
+        return scratch / final.relative_to(place)
+    return scratch.parent / final.name if final.parent == place.parent else None
 
 
 def require_recording(out: Path, *read: str | Path | Sequence[str | Path] | None, overwrite: bool = False) -> None:

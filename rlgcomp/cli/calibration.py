@@ -17,6 +17,7 @@ from rlgcomp.cli.base import (
     PulseArcsec,
     Runs,
     command,
+    place_with,
     progress,
     read_runs,
     require_folder,
@@ -77,10 +78,16 @@ def calibrate(
             angle_random_walk_deg_sqrt_h=angle_random_walk,
             progress=advance,
         )
-    if report is not None:
+    if report is None:
+        write_calibration(out, calibration.content, overwrite=overwrite)
+    else:
         with whole_folder(report, writes=writes) as folder:
             write_calibration_report(folder, calibration)
-    write_calibration(out, calibration.content, overwrite=overwrite)
+            if (together := place_with(folder, report, out)) is not None:
+                require_replaceable(out, overwrite=overwrite, written=is_result)
+                write_calibration(together, calibration.content)
+        if together is None:
+            write_calibration(out, calibration.content, overwrite=overwrite)
     if as_json:
         show_json(calibration.content)
         return

@@ -25,6 +25,7 @@ from rlgcomp.cli.base import (
     command,
     compared,
     interval_of,
+    place_with,
     progress,
     read_runs,
     require_folder,
@@ -197,21 +198,23 @@ def _offset_s(offset: tuple[str, float] | None) -> float | None:
 
 
 def _saved(compensator: Compensator, out: Path, export: Path | None, recordings: list[Recording]) -> Exported | None:
-    """Write the model and its code; where the code lies in the model's folder, both replace the earlier ones together."""
+    """Write the model and its code; where the code lies in the model's folder or beside it, both take their places together."""
     if export is None:
         compensator.save(out)
         return None
-    from rlgcomp.export.target import Options
+    from rlgcomp.export.target import Options, written
     from rlgcomp.export.target import export as export_model
     from rlgcomp.files import whole_folder
 
     options = Options(runs=recordings)
-    if not _lies_in(export, out):
-        compensator.save(out)
-        return export_model(out, export, "c", options)
     with whole_folder(out, writes=_written(out, export)) as folder:
         compensator.save(folder)
-        return export_model(folder, folder / _real(export).relative_to(_real(out)), "c", options)
+        if (together := place_with(folder, out, _real(export))) is not None:
+            exported = export_model(folder, together, "c", options)
+            if not _lies_in(export, out):
+                require_folder(export, written(out, "c"))  # the work may have taken hours
+            return exported
+    return export_model(out, export, "c", options)
 
 
 def _written(out: Path, export: Path | None) -> list[str]:

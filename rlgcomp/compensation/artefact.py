@@ -34,6 +34,7 @@ import pandas as pd
 from rlgcomp.compensation.foreign_models import FILE as FOREIGN
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, sha256, to_json, whole_folder
+from rlgcomp.scratch import recover
 
 Array = npt.NDArray[np.float64]
 SCHEMA: Final = "rlgcomp.model/2"
@@ -118,6 +119,7 @@ def read(path: str | Path) -> Artefact:
         A file is missing, changed, or not what the manifest says; nothing is returned then.
     """
     folder = Path(path)
+    recover(folder.absolute().parent, reading=folder.name)
     if not folder.is_dir():
         raise InputError(f"{folder} is no model: {'a model is a folder' if folder.exists() else 'it does not exist'}")
     contents = _checked_files(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.errors import InputError
 from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.golden import EITHER, INVALID, OK, Stream
 
@@ -25,6 +27,7 @@ _BOARD: Final = ("-M", "mps2-an386", "-nographic", "-monitor", "none", "-serial"
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _PROBE: Final = '#include <stdio.h>\nint main(void) { double x; return scanf("%lf", &x) == 1 ? 0 : printf("-") < 0; }\n'
 _LONGEST_S: Final = 600.0
+_SHORT_OF: Final = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EROFS, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +103,8 @@ def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[s
 
     Raises
     ------
+    InputError
+        The disk is full, or the machine is short of something else.
     ToolchainError
         Not even a trivial program can be built and run.
     RuntimeError
@@ -110,9 +115,11 @@ def build(toolchain: Toolchain, sources: Sequence[Path], folder: Path) -> list[s
     probed = _compile(toolchain, [probe], folder / "probe")
     if probed.returncode == 0:
         probed = _run(_command(toolchain, folder / "probe"), "1.0\n")
+    _require_room(toolchain, probed)
     if probed.returncode != 0:
         raise ToolchainError(_last_line(probed))
     compiled = _compile(toolchain, sources, folder / "selftest")
+    _require_room(toolchain, compiled)
     if compiled.returncode != 0:
         raise RuntimeError(f"{toolchain.name} does not compile the exported C:\n{compiled.stderr[:2000]}")
     return _command(toolchain, folder / "selftest")
@@ -226,14 +233,30 @@ def _with_argument(toolchain: Toolchain, command: Sequence[str], argument: str) 
 
 
 def _run(command: Sequence[str], text: str = "", folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a program; what it puts into TMPDIR, as compilers do, goes into a folder where one is given."""
-    settings: Mapping[str, str] = os.environ if folder is None else {**os.environ, "TMPDIR": str(folder)}
+    """Run a program; what it puts into TMPDIR, as compilers do, goes into a folder where one is given.
+
+    A program that cannot be executed, or does not end, is a failed one. Where this process is short of file handles, memory or room
+    on the disk, that says nothing of the program, and the error is raised.
+    """
+    settings: Mapping[str, str] = {**os.environ, "LC_ALL": "C"} | ({} if folder is None else {"TMPDIR": str(folder)})
     try:
         return subprocess.run(  # noqa: S603
             command, input=text, capture_output=True, text=True, check=False, timeout=_LONGEST_S, env=settings
         )
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except OSError as error:
+        if error.filename != command[0]:
+            raise
         return subprocess.CompletedProcess(list(command), 1, "", str(error))
+    except subprocess.TimeoutExpired as error:
+        return subprocess.CompletedProcess(list(command), 1, "", str(error))
+
+
+def _require_room(toolchain: Toolchain, done: subprocess.CompletedProcess[str]) -> None:
+    """Raise where a compiler failed for want of room, or of something else that the machine is short of."""
+    lines = done.stderr.splitlines() if done.returncode != 0 else []
+    reasons = [line for line in lines if any(os.strerror(number) in line for number in _SHORT_OF)]
+    if reasons:
+        raise InputError(f"{toolchain.name} cannot compile: {reasons[0][:300]}; make room, or give another folder by TMPDIR")
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:
