@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from sklearn.base import BaseEstimator, clone
 from rlgcomp.compensation import serialisation
 from rlgcomp.compensation.artefact import SCHEMA
 from rlgcomp.compensation.correction import Correction, corrected_table, require_distinct, require_raw
+from rlgcomp.compensation.estimate import Estimate
 from rlgcomp.compensation.feature_pipeline import (
     FeatureRecipe,
     feature_names,
@@ -24,32 +24,26 @@ from rlgcomp.compensation.feature_pipeline import (
     pipeline_for,
 )
 from rlgcomp.compensation.features import Level
-from rlgcomp.compensation.input_selection import remarks_on, select_inputs
-from rlgcomp.compensation.interval import Interval, excess, noise_of_windows_deg_h
+from rlgcomp.compensation.held_out_errors import HeldOutErrors
+from rlgcomp.compensation.input_selection import ChosenInputs
+from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
-from rlgcomp.compensation.models.specification import cross_validation_residuals, grouping, require_regressor, sequential
+from rlgcomp.compensation.models.specification import grouping, require_regressor, sequential
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.start_offset import StartOffset
-from rlgcomp.compensation.window_means import Scaling, window_means
+from rlgcomp.compensation.training_remarks import on_errors_below_noise, on_interval, on_turning, warn_of_earth_rate
+from rlgcomp.compensation.window_means import BLOCKS_OF_ONE_RUN, Scaling, run_labels, scaled_rows, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
 from rlgcomp.recording.argument_checks import require_recording, require_recordings, require_workers
-from rlgcomp.recording.comparison import noise_of_means_deg_h
 from rlgcomp.recording.outliers import without_outliers
-from rlgcomp.report.messages import Message, message
+from rlgcomp.report.messages import Message
 from rlgcomp.report.notebook import table_html
-from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
-BLOCKS_OF_ONE_RUN: Final = 5
-TABLE_RATE: Final = "table_rate_deg_s"
-TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
-BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
-_BATCH_ROWS: Final = 2048
-_MUCH_OF_EARTH_RATE: Final = 0.1
 
 
 class Compensator(BaseEstimator):  # type: ignore[misc]
@@ -180,11 +174,17 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.pipeline_ = FeatureRecipe((*candidates.features, *map(Level, further)))
         samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
-        samples, not_told_apart = self._select_inputs(samples, further)
+        self.unused_: dict[str, float] = {}
+        not_told_apart: list[Message] = []
+        if "all" in feature_names(self.features):
+            chosen = ChosenInputs.of(self.pipeline_, self.training_, samples, further)
+            self.pipeline_, self.training_, samples = chosen.pipeline, chosen.training, chosen.samples
+            self.unused_, not_told_apart = chosen.unused, chosen.remarks
         self.gyro_ = runs[0].gyro_column(self.gyro)
         self.specification_ = specification_of(model)
         self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.specification_ is None else self.specification_.reach)
-        self._warn_of_earth_rate(runs)
+        if not self.keep_mean:
+            warn_of_earth_rate(self.scaling_.y_mean_deg_h, runs)
         X, y, groups = self.training_rows()
         if len(runs) == 1:
             logger.warning(
@@ -211,9 +211,9 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *omitted_groups(runs, self.features),
             *not_told_apart,
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
-            *self._interval_remarks(),
-            *self._below_noise(raw),
-            *self._turning(),
+            *on_interval(self.interval_),
+            *on_errors_below_noise(self.selection_.rmse, self.scaling_, raw, self.gyro, self.averaging_s),
+            *on_turning(self.scaling_, self.pipeline_.columns),
         )
         for remark in self.remarks_:
             logger.warning("%s", remark)
@@ -222,53 +222,24 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.restart()
         return self
 
-    def _select_inputs(self, samples: list[Array], further: list[str]) -> tuple[list[Array], list[Message]]:
-        """Keep the inputs that training can give a weight: the samples of each run, and remarks on the others."""
-        self.unused_: dict[str, float] = {}
-        if "all" not in feature_names(self.features):
-            return samples, []
-        pipeline = self.pipeline_
-        selection = select_inputs(pipeline, self.training_, further)
-        owner = np.repeat(np.arange(len(pipeline.features)), [len(feature.names) for feature in pipeline.features])
-        used = np.isin(owner, selection.used)
-        self.pipeline_ = FeatureRecipe(tuple(pipeline.features[k] for k in selection.used))
-        self.training_ = tuple(dataclasses.replace(part, X=np.ascontiguousarray(part.X[:, used])) for part in self.training_)
-        self.unused_ = {column: gain for column, gain in selection.gains.items() if column not in self.pipeline_.columns}
-        return [values[:, used] for values in samples], remarks_on(pipeline, selection)
-
     def training_rows(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         """Scaled inputs, scaled output and fold label of every training row."""
-        X = self.scaling_.inputs(np.vstack([part.X for part in self.training_]))
-        y = (np.concatenate([part.y_deg_h for part in self.training_]) - self.scaling_.y_mean_deg_h) / self.scaling_.y_scale_deg_h
-        groups = self.run_labels()
-        if len(self.training_) == 1:
-            groups = np.arange(len(y)) * BLOCKS_OF_ONE_RUN // len(y)
-        return X, y, groups
-
-    def calibrated_interval(self) -> Interval:
-        """From the errors of the selected model on runs left out."""
-        errors, groups = self._left_out_errors_deg_h()
-        return self._calibrated(errors, groups, np.ones(len(errors), dtype=np.bool_))
-
-    def offset_interval(self, offset_s: float) -> Interval:
-        """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""
-        if self._offset_interval is not None and self._offset_interval[0] == offset_s:
-            return self._offset_interval[1]
-        (errors, groups), labels = self._left_out_errors_deg_h(), self.run_labels()
-        later = np.ones(len(errors), dtype=np.bool_)
-        for label, part in enumerate(self.training_):
-            rows = np.flatnonzero(labels == label)
-            begin_s = part.time_s[0] - 0.5 * self.averaging_s
-            start = rows[: max(1, int(np.searchsorted(part.time_s, begin_s + offset_s)))]
-            errors[rows] -= errors[start].mean()
-            later[start] = len(start) == len(rows)
-        interval = self._calibrated(errors, groups, later)
-        self._offset_interval = offset_s, interval
-        return interval
+        return scaled_rows(self.training_, self.scaling_)
 
     def run_labels(self) -> npt.NDArray[np.int64]:
         """Number of the run that each training row belongs to."""
-        return np.repeat(np.arange(len(self.training_)), [len(part.y_deg_h) for part in self.training_])
+        return run_labels(self.training_)
+
+    def calibrated_interval(self) -> Interval:
+        """From the errors of the selected model on runs left out."""
+        return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval()
+
+    def offset_interval(self, offset_s: float) -> Interval:
+        """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""
+        if self._offset_interval is None or self._offset_interval[0] != offset_s:
+            errors = HeldOutErrors.of(self.model_, self.training_, self.scaling_).zeroed_at_start(offset_s, self.averaging_s)
+            self._offset_interval = offset_s, errors.interval()
+        return self._offset_interval[1]
 
     # --- prediction --------------------------------------------------------------------------------------------------------
 
@@ -290,9 +261,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """
         self.require_fitted()
         recording = require_recording(recording, "recording")
-        X = self.pipeline_.transform(recording).to_numpy()
-        bias = self._by_windows(recording, X) if sequential(self.model_) else self.predict_rows(X)
-        predicted = self._prediction(X, bias)
+        predicted = self._estimate.of_recording(recording, self.pipeline_, self.averaging_s)
         if offset_s is None:
             return predicted
         offset, scored = StartOffset(offset_s), recording.scored
@@ -382,7 +351,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             samples[list(self.pipeline_.columns)].to_numpy(dtype=np.float64),
         )
         X, self._state = self.pipeline_.run(self._state, time_s, monitors)
-        return self._prediction(X, self.predict_rows(X))
+        return self._estimate.table(X)
 
     def restart(self) -> None:
         """Begin a new recording for :meth:`step` and :meth:`steps`."""
@@ -390,17 +359,11 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     def predict_rows(self, X: Array) -> Array:
         """Bias in deg/h for unscaled inputs, shape (n, features)."""
-        scaled = self.scaling_.inputs(X)
-        if sequential(self.model_):
-            values = self.model_.predict(scaled)
-        else:
-            parts = [self.model_.predict(scaled[start : start + _BATCH_ROWS]) for start in range(0, len(X), _BATCH_ROWS)]
-            values = np.concatenate(parts)
-        return np.asarray(self.scaling_.y_mean_deg_h + self.scaling_.y_scale_deg_h * values)
+        return self._estimate.bias_deg_h(X)
 
     def half_widths(self, X: Array) -> Array:
         """Half width of the interval about the bias in deg/h, for unscaled inputs, shape (n, features)."""
-        return self.interval_.half_width_deg_h(excess(X, self.scaling_.low, self.scaling_.high))
+        return self._estimate.half_width_deg_h(X)
 
     @property
     def reference_deg_h(self) -> float:
@@ -424,14 +387,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """
         self.require_fitted()
         X = np.vstack([part.X for part in self.training_])
-        bias = self.predict_rows(X)
-        changes = []
-        for k in range(X.shape[1]):
-            without = X.copy()
-            without[:, k] = self.scaling_.mean[k]
-            changes.append(float(np.sqrt(np.mean((bias - self.predict_rows(without)) ** 2))))
-        table = pd.DataFrame({"input": list(self.pipeline_.names), "rms_deg_h": changes})
-        return table.sort_values("rms_deg_h", ascending=False, kind="stable", ignore_index=True)
+        return self._estimate.contributions(X, self.pipeline_.names)
 
     def plot(self, ax: Any = None) -> Any:
         """Contribution of each input to the estimated bias, as :meth:`contributions` gives it.
@@ -477,73 +433,9 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     # --- inside ------------------------------------------------------------------------------------------------------------
 
-    def _by_windows(self, recording: Recording, X: Array) -> Array:
-        """For a model of averages: each sample gets the bias of the last full window before it."""
-        all_samples = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0))
-        averaged = all_samples.averaged(
-            self.averaging_s, extra=pd.DataFrame(X, columns=[f"feature {name}" for name in self.pipeline_.names])
-        )
-        values = self.predict_rows(averaged.table[[f"feature {name}" for name in self.pipeline_.names]].to_numpy())
-        ends = averaged.time_s + 0.5 * self.averaging_s
-        return np.asarray(values[np.maximum(np.searchsorted(ends, recording.time_s, side="right") - 1, 0)])
-
-    def _prediction(self, X: Array, bias_deg_h: Array) -> pd.DataFrame:
-        return pd.DataFrame(
-            {"bias_deg_h": bias_deg_h, "out_of_range": self.scaling_.outside(X), "half_width_deg_h": self.half_widths(X)}
-        )
-
-    def _left_out_errors_deg_h(self) -> tuple[Array, npt.NDArray[np.int64]]:
-        """Error of each training window with its fold left out, and the label of that fold."""
-        X, y, groups = self.training_rows()
-        return cross_validation_residuals(self.model_, X, y, groups) * self.scaling_.y_scale_deg_h, groups
-
-    def _calibrated(self, errors_deg_h: Array, groups: npt.NDArray[np.int64], rows: npt.NDArray[np.bool_]) -> Interval:
-        """The interval from these rows of the training windows.
-
-        Parameters
-        ----------
-        errors_deg_h : ndarray, shape (n,)
-            Of all training windows.
-        groups : ndarray of int, shape (n,)
-            Labels of their folds.
-        rows : ndarray of bool, shape (n,)
-        """
-        y_deg_h = [part.y_deg_h for part in self.training_]
-        return Interval.calibrated(
-            errors_deg_h[rows],
-            np.vstack([part.X for part in self.training_])[rows],
-            np.concatenate(y_deg_h)[rows],
-            groups[rows],
-            runs=len(self.training_),
-            noise_deg_h=noise_of_windows_deg_h(y_deg_h),
-            blocks=len(self.training_) == 1,
-        )
-
-    def _turning(self) -> list[Message]:
-        """A message where the gyro turns as no chamber lets it, and the model does not know how the table turns."""
-        spread = self.scaling_.y_scale_deg_h
-        known = TABLE_RATE in self.pipeline_.columns
-        return [] if known or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
-
-    def _interval_remarks(self) -> list[Message]:
-        """A message where no run lies within the range of the others, or no error is known at all."""
-        basis, half_width_deg_h = self.interval_.basis, self.interval_.inside_deg_h
-        if basis == "unknown":
-            return [message("compensation.interval_unknown", half_width_deg_h=half_width_deg_h)]
-        if basis != "spread":
-            return []
-        return [message("compensation.no_overlap", half_width_deg_h=half_width_deg_h)]
-
-    def _below_noise(self, runs: Sequence[Recording]) -> list[Message]:
-        """A message where the error with runs left out is less than the noise of the means: the runs know each other."""
-        rmse = self.selection_.rmse
-        if rmse is None:
-            return []
-        noises = [noise_of_means_deg_h(run.rate_deg_h(self.gyro), run.period_s, self.averaging_s) for run in runs]
-        left_out, noise = rmse * self.scaling_.y_scale_deg_h, float(np.sqrt(np.mean(np.square(noises))))
-        if left_out >= BELOW_NOISE * noise:
-            return []
-        return [message("compensation.below_noise", left_out_rms_deg_h=left_out, noise_deg_h=noise)]
+    @property
+    def _estimate(self) -> Estimate:
+        return Estimate(self.model_, self.scaling_, self.interval_)
 
     def _require_steps(self) -> None:
         self.require_fitted()
@@ -554,15 +446,6 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """Raise `InputError` unless it is fitted."""
         if not hasattr(self, "model_"):
             raise InputError("this Compensator is not fitted yet; call .fit(runs), or load one with rlgcomp.load")
-
-    def _warn_of_earth_rate(self, runs: Sequence[Recording]) -> None:
-        mean = self.scaling_.y_mean_deg_h
-        if not self.keep_mean and abs(mean) > _MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H and runs[0].metadata.kind != "turntable":
-            logger.warning(
-                "the mean of the training runs is %.4g deg/h, which may hold Earth rate; it is subtracted with the bias. "
-                "Use --keep-mean to keep it",
-                mean,
-            )
 
 
 def load(path: str | Path) -> Compensator:

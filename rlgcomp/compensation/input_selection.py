@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -59,6 +59,55 @@ class InputSelection:
     used: tuple[int, ...]
     not_told_apart: tuple[int, ...]
     gains: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class ChosenInputs:
+    """The inputs that training can give a weight.
+
+    Parameters
+    ----------
+    pipeline : FeatureRecipe
+    training : tuple of WindowMeans
+    samples : list of ndarray, shape (samples, features)
+        Features of every sample of each run.
+    unused : dict of str to float
+        Relative gain in mean square error over runs left out of each further monitor that is not used.
+    remarks : list of Message
+        On the inputs that training cannot tell apart.
+    """
+
+    pipeline: FeatureRecipe
+    training: tuple[WindowMeans, ...]
+    samples: list[Array]
+    unused: dict[str, float]
+    remarks: list[Message]
+
+    @classmethod
+    def of(cls, pipeline: FeatureRecipe, training: Sequence[WindowMeans], samples: Sequence[Array], further: Sequence[str]) -> Self:
+        """Choose among the features of a pipeline.
+
+        Parameters
+        ----------
+        pipeline : FeatureRecipe
+            All candidates.
+        training : sequence of WindowMeans
+        samples : sequence of ndarray, shape (samples, features)
+            Features of every sample of each run.
+        further : sequence of str
+            Columns of the further monitors among the candidates.
+        """
+        selection = select_inputs(pipeline, training, further)
+        owner = np.repeat(np.arange(len(pipeline.features)), [len(feature.names) for feature in pipeline.features])
+        used = np.isin(owner, selection.used)
+        chosen = FeatureRecipe(tuple(pipeline.features[k] for k in selection.used))
+        return cls(
+            chosen,
+            tuple(dataclasses.replace(part, X=np.ascontiguousarray(part.X[:, used])) for part in training),
+            [values[:, used] for values in samples],
+            {column: gain for column, gain in selection.gains.items() if column not in chosen.columns},
+            remarks_on(pipeline, selection),
+        )
 
 
 def select_inputs(pipeline: FeatureRecipe, training: Sequence[WindowMeans], further: Sequence[str]) -> InputSelection:

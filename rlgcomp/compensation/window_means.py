@@ -14,6 +14,7 @@ from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
+BLOCKS_OF_ONE_RUN: Final = 5
 MARGIN: Final = 0.05  # of the training span, by which an input may exceed it without a flag
 
 
@@ -128,3 +129,18 @@ def window_means(recording: Recording, pipeline: FeatureRecipe, averaging_s: flo
         averaged.column(column),
         truth[noises].to_numpy().sum(axis=1) if truth is not None and noises else None,
     )
+
+
+def run_labels(training: Sequence[WindowMeans]) -> npt.NDArray[np.int64]:
+    """Number of the run that each training row belongs to."""
+    return np.repeat(np.arange(len(training)), [len(part.y_deg_h) for part in training])
+
+
+def scaled_rows(training: Sequence[WindowMeans], scaling: Scaling) -> tuple[Array, Array, npt.NDArray[np.int64]]:
+    """Scaled inputs, scaled output and fold label of every training row: its run, or its block of a single run."""
+    X = scaling.inputs(np.vstack([part.X for part in training]))
+    y = (np.concatenate([part.y_deg_h for part in training]) - scaling.y_mean_deg_h) / scaling.y_scale_deg_h
+    groups = run_labels(training)
+    if len(training) == 1:
+        groups = np.arange(len(y)) * BLOCKS_OF_ONE_RUN // len(y)
+    return X, y, groups

@@ -1,0 +1,84 @@
+"""Errors of a fitted model on its training windows, each with its run left out, and the interval that they give."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.compensation.interval import Interval, noise_of_windows_deg_h
+from rlgcomp.compensation.models.specification import cross_validation_residuals
+from rlgcomp.compensation.window_means import Scaling, WindowMeans, run_labels, scaled_rows
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class HeldOutErrors:
+    """Errors with each run, or block of a single run, left out.
+
+    Parameters
+    ----------
+    training : sequence of WindowMeans
+    errors_deg_h : ndarray, shape (n,)
+        Of all training windows.
+    groups : ndarray of int, shape (n,)
+        Labels of the runs or blocks.
+    counted : ndarray of bool, shape (n,)
+        The windows that calibrate the interval.
+    """
+
+    training: Sequence[WindowMeans]
+    errors_deg_h: Array
+    groups: npt.NDArray[np.int64]
+    counted: npt.NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, model: Any, training: Sequence[WindowMeans], scaling: Scaling) -> Self:
+        """Errors of a fitted model.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted on the scaled rows.
+        training : sequence of WindowMeans
+        scaling : Scaling
+        """
+        X, y, groups = scaled_rows(training, scaling)
+        errors = cross_validation_residuals(model, X, y, groups) * scaling.y_scale_deg_h
+        return cls(training, errors, groups, np.ones(len(errors), dtype=np.bool_))
+
+    def zeroed_at_start(self, offset_s: float, averaging_s: float) -> Self:
+        """The errors of each run less their mean over so many seconds at its start; later windows alone are counted.
+
+        Parameters
+        ----------
+        offset_s : float
+        averaging_s : float
+            Length of a window.
+        """
+        errors, labels = self.errors_deg_h.copy(), run_labels(self.training)
+        later = np.ones(len(errors), dtype=np.bool_)
+        for label, part in enumerate(self.training):
+            rows = np.flatnonzero(labels == label)
+            begin_s = part.time_s[0] - 0.5 * averaging_s
+            start = rows[: max(1, int(np.searchsorted(part.time_s, begin_s + offset_s)))]
+            errors[rows] -= errors[start].mean()
+            later[start] = len(start) == len(rows)
+        return dataclasses.replace(self, errors_deg_h=errors, counted=later)
+
+    def interval(self) -> Interval:
+        """The interval that the counted windows calibrate."""
+        y_deg_h = [part.y_deg_h for part in self.training]
+        return Interval.calibrated(
+            self.errors_deg_h[self.counted],
+            np.vstack([part.X for part in self.training])[self.counted],
+            np.concatenate(y_deg_h)[self.counted],
+            self.groups[self.counted],
+            runs=len(self.training),
+            noise_deg_h=noise_of_windows_deg_h(y_deg_h),
+            blocks=len(self.training) == 1,
+        )

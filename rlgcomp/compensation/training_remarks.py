@@ -1,0 +1,73 @@
+"""Remarks of training: an interval without a basis, errors below the noise, a gyro that turns, Earth rate in the mean."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from rlgcomp.compensation.interval import Interval
+from rlgcomp.compensation.window_means import Scaling
+from rlgcomp.recording import Recording
+from rlgcomp.recording.comparison import noise_of_means_deg_h
+from rlgcomp.report.messages import Message, message
+from rlgcomp.units import EARTH_RATE_DEG_H
+
+logger = logging.getLogger(__name__)
+TABLE_RATE: Final = "table_rate_deg_s"
+TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
+BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
+_MUCH_OF_EARTH_RATE: Final = 0.1
+
+
+def on_turning(scaling: Scaling, columns: Sequence[str]) -> list[Message]:
+    """A message where the gyro turns as no chamber lets it, and the columns of the model do not hold how the table turns."""
+    spread = scaling.y_scale_deg_h
+    known = TABLE_RATE in columns
+    return [] if known or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
+
+
+def on_interval(interval: Interval) -> list[Message]:
+    """A message where no run lies within the range of the others, or no error is known at all."""
+    if interval.basis == "unknown":
+        return [message("compensation.interval_unknown", half_width_deg_h=interval.inside_deg_h)]
+    if interval.basis != "spread":
+        return []
+    return [message("compensation.no_overlap", half_width_deg_h=interval.inside_deg_h)]
+
+
+def on_errors_below_noise(
+    rmse: float | None, scaling: Scaling, runs: Sequence[Recording], gyro: str | None, averaging_s: float
+) -> list[Message]:
+    """A message where the error with runs left out is less than the noise of the means: the runs know each other.
+
+    Parameters
+    ----------
+    rmse : float, optional
+        With runs left out, in units of the scaled output.
+    scaling : Scaling
+    runs : sequence of Recording
+        Of training, with their outliers.
+    gyro : str, optional
+        Gyro column, where there are several.
+    averaging_s : float
+    """
+    if rmse is None:
+        return []
+    noises = [noise_of_means_deg_h(run.rate_deg_h(gyro), run.period_s, averaging_s) for run in runs]
+    left_out, noise = rmse * scaling.y_scale_deg_h, float(np.sqrt(np.mean(np.square(noises))))
+    if left_out >= BELOW_NOISE * noise:
+        return []
+    return [message("compensation.below_noise", left_out_rms_deg_h=left_out, noise_deg_h=noise)]
+
+
+def warn_of_earth_rate(mean_deg_h: float, runs: Sequence[Recording]) -> None:
+    """Log a warning where the mean of the training runs, which is subtracted with the bias, may hold Earth rate."""
+    if abs(mean_deg_h) > _MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H and runs[0].metadata.kind != "turntable":
+        logger.warning(
+            "the mean of the training runs is %.4g deg/h, which may hold Earth rate; it is subtracted with the bias. "
+            "Use --keep-mean to keep it",
+            mean_deg_h,
+        )
