@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.recording.comparison import compare, noise_of_means_deg_h, shares_means
+from rlgcomp.recording.comparison import compare, noise_of_means_deg_h
+from rlgcomp.recording.copies import shares_means
 from rlgcomp.simulation.random_units import simulated_unit
 
 PROGRAMMES = ("short", "start 20, hold 40, ramp -20 1, hold 60, ramp 45 1, hold 30", "start 0, hold 30, ramp 50 0.7, hold 60")
@@ -93,6 +94,11 @@ def _held(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(gyro_deg_h=table["gyro_deg_h"].to_numpy()[np.arange(len(table)) // 3 * 3])
 
 
+def _noise(table: pd.DataFrame) -> np.ndarray:
+    scale = np.diff(table["gyro_deg_h"]).std() / np.sqrt(2.0)
+    return np.random.default_rng(3).normal(0.0, scale, len(table))
+
+
 def _reversed(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(gyro_deg_h=-table["gyro_deg_h"])
 
@@ -140,6 +146,15 @@ FAULTS: dict[str, tuple[Change, set[str]]] = {
     "thermometer in degF": (
         lambda table: table.assign(temperature_shell_degC=1.8 * table["temperature_shell_degC"] + 32.0),
         {"other_noise"},
+    ),
+    "a clock 1 % fast": (lambda table: table.assign(time_s=table["time_s"] / 1.01), {"other_period"}),
+    "noise twice as large in one half": (
+        lambda table: table.assign(gyro_deg_h=table["gyro_deg_h"] + 1.7 * _noise(table) * (np.arange(len(table)) > len(table) / 2)),
+        {"changing_noise"},
+    ),
+    "a thermometer without its sign": (
+        lambda table: table.assign(temperature_shell_degC=table["temperature_shell_degC"].abs()),
+        {"other_course"},
     ),
 }
 

@@ -16,6 +16,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording.comparison import compare
 from rlgcomp.report.inspection import outlier_findings
 from rlgcomp.report.messages import Message
+from rlgcomp.simulation.random_units import simulated_unit
 
 SIMULATOR: Final = {
     "mechanisms": [
@@ -114,6 +115,28 @@ FAULTS: Final[dict[str, Change]] = {
     "rows shuffled in blocks": lambda table, other: table.assign(**{GYRO: np.roll(table[GYRO].to_numpy(), len(table) // 3)}),
     "noise ten times as large": lambda table, other: table.assign(**{GYRO: table[GYRO] + _rng.normal(0.0, 0.1, len(table))}),
 }
+
+
+def healthy_messages(seed: int) -> list[Message]:
+    """Messages of the comparison of two or three healthy runs of a random gyro, on random programmes and periods.
+
+    Parameters
+    ----------
+    seed : int
+    """
+    rng = np.random.default_rng(seed)
+    unit = simulated_unit(seed)
+    runs = []
+    period_s = float(rng.choice([1.0, 2.0, 5.0, 10.0]))
+    for k in range(int(rng.integers(2, 4))):
+        low, high = rng.uniform(-30.0, 15.0), rng.uniform(30.0, 60.0)
+        order = (low, high) if rng.random() < 0.5 else (high, low)
+        start, rate = rng.uniform(-10.0, 40.0), rng.uniform(0.4, 1.5)
+        legs = ", ".join(f"ramp {value:.0f} {rate:.2f}, hold {rng.integers(20, 90)}" for value in (*order, rng.uniform(0.0, 30.0)))
+        own_s = period_s if rng.random() < 0.7 else float(rng.choice([1.0, 2.0, 5.0, 10.0]))
+        programme = f"start {start:.0f}, hold {rng.integers(10, 60)}, {legs}"
+        runs.append(unit.simulate(programme, seed=100 * seed + k, step_s=own_s, name=f"run{k}"))
+    return list(compare(runs))
 
 
 def noticed(name: str, folder: Path, *, diagnosed: bool) -> dict[str, list[str]]:

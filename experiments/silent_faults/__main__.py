@@ -7,7 +7,7 @@ import logging
 import tempfile
 from pathlib import Path
 
-from experiments.silent_faults import FAULTS, noticed
+from experiments.silent_faults import FAULTS, healthy_messages, noticed
 
 COMMANDS = ("inspect", "train", "evaluate", "diagnose")
 
@@ -16,8 +16,15 @@ def main() -> None:
     """Parse the options and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--diagnose", action="store_true", help="make a diagnosis of each fault as well")
+    parser.add_argument(
+        "--healthy", type=int, metavar="N", help="compare N sets of healthy runs instead, none of which should raise one"
+    )
     options = parser.parse_args()
     logging.disable(logging.WARNING)
+    if options.healthy:
+        raised = {seed: codes for seed in range(options.healthy) if (codes := [one.code for one in healthy_messages(seed)])}
+        print(f"{options.healthy} sets of healthy runs, {len(raised)} with messages: {raised}")
+        return
     commands = COMMANDS if options.diagnose else COMMANDS[:3]
     columns = (*commands, "verdict") if options.diagnose else commands
     print(f"| fault of one run | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")

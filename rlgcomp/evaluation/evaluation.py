@@ -26,7 +26,7 @@ from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
-from rlgcomp.recording.comparison import shares_means
+from rlgcomp.recording.copies import shares_means
 from rlgcomp.recording.outliers import monitor_outliers, without_gyro_outliers
 from rlgcomp.report.notebook import ShownAsTable
 

@@ -1,8 +1,5 @@
 """Runs of one gyro compared with each other: copies, and channels or responses of one run that differ from those of the others.
 
-Two runs of a gyro share everything but its noise. A run that holds the noise of another is a copy of it, whatever its clock,
-offset, scale or sample period. Noise is compared with its spectrum whitened, so that lines and drifts count for little.
-
 The noise of each channel, its level, the gyro's angle random walk, and how the gyro follows the thermometers are the same in all
 runs of a healthy laboratory. A run in which one of them differs by more than any healthy run does has a wrong unit, sign, clock or
 sensor, or was filtered.
@@ -17,21 +14,15 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
+from scipy.signal import lfilter
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
+from rlgcomp.recording.copies import FEWEST_SAMPLES, copies, noise_steps
 from rlgcomp.recording.relative_delays import delayed_monitors, exchanged_thermometers
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
-MOST_FILLED: Final = 1.2  # times of a steady clock, over the samples that there are
-MOST_SAMPLES: Final = 1 << 19  # of a run that are compared with another run
-FEWEST_SAMPLES: Final = 200
-CLIP: Final = 4.0  # robust standard deviations beyond which a step is no noise
-SHARED: Final = 0.5  # correlation of the noise of two runs from which they share it
-DEVIATIONS: Final = 12.0  # of that correlation from zero; there are as many trials as samples
-COARSEST: Final = 50  # ratio of sample periods
 NOISE_RATIO: Final = 1.5  # of the noise of one channel in two runs
 ROUNDED_RATIO: Final = 4.0  # the same of a channel that its last digit hides
 REPEATED: Final = 0.003  # of the samples
@@ -40,13 +31,14 @@ COARSE: Final = 2.0  # last digit of one run over the noise of the others
 LEVEL_RATIO: Final = 5.0  # of the levels of a channel that does not change its sign
 SPECTRUM: Final = 0.25  # difference of the correlation of neighbouring steps
 PERIOD_RATIO: Final = 3.0
+SMALLEST_CLOCK_ERROR, LARGEST_CLOCK_ERROR = 0.002, 0.15  # of sample periods that loggers of other settings do not have
 _FEWEST_WINDOWS: Final = 20
 THERMOMETER_RATIO: Final = 1.4  # of the slopes between two thermometers
+LAGS_S: Final = (600.0, 2400.0)  # by which one thermometer may follow another
+OTHER_COURSE: Final = 0.15  # of a thermometer's range, by which it departs from the course that another one foretells
+OTHER_COURSE_RATIO: Final = 8.0  # of that to what the other runs depart by
 _FOLLOWS: Final = 0.8  # correlation of the gyro with the response of the other runs
 _SMALLEST_SLOPE, _LARGEST_SLOPE = 0.33, 3.0
-_FEWEST_MEANS: Final = 30
-_PHASES: Final = 50  # places of a window at which the windows of two runs are compared
-_SHARED_MEANS, _MEAN_DEVIATIONS = 0.75, 9.0
 _WINDOWS: Final = 400  # of a run in which the response is compared
 _MEAN_OF_LEAST: Final = 0.657  # mean of the least nine tenths of the absolute values of normal numbers
 _DIGITS: Final = 30  # steps of a channel's last digit within its noise, below which the digit hides the noise
@@ -63,163 +55,15 @@ def compare(runs: Sequence[Recording], gyro: str | None = None) -> tuple[Message
     """
     if len(runs) < 2:
         return ()
-    noises = {}
+    rates = {}
     for k, run in enumerate(runs):
         try:
-            noises[k] = (run.rate_deg_h(gyro), run.period_s)
+            rates[k] = run.rate_deg_h(gyro)
         except InputError:
             continue
-    steady = {k: (_without_gaps(runs[k], rate), period_s) for k, (rate, period_s) in noises.items()}
-    messages = [*_copies(runs, steady), *_channels(runs), *_thermometers(runs), *_clocks(runs, noises)]
+    messages = [*copies(runs, rates), *_channels(runs), *_thermometers(runs), *_clocks(runs, rates)]
     messages += (exchanged := exchanged_thermometers(runs))
-    rates = {k: rate for k, (rate, _) in noises.items()}
     return (*messages, *(_response(runs, rates) or ([] if exchanged else delayed_monitors(runs, rates))))
-
-
-def _without_gaps(run: Recording, rate_deg_h: Array) -> Array:
-    """A gyro at the times of a steady clock, lost samples interpolated: a copy without them has its noise in the same places."""
-    places = np.rint((run.time_s - run.time_s[0]) / run.period_s)
-    if len(places) < 2 or places[-1] == len(places) - 1 or places[-1] > MOST_FILLED * len(places):
-        return rate_deg_h
-    return np.interp(np.arange(places[-1] + 1.0), places, rate_deg_h)
-
-
-# --- copies ----------------------------------------------------------------------------------------------------------------------
-
-
-def _copies(runs: Sequence[Recording], noises: dict[int, tuple[Array, float]]) -> list[Message]:
-    messages = []
-    for one, other in itertools.combinations(noises, 2):
-        share = shared_noise(*noises[one], *noises[other])
-        if share is not None:
-            names = {"run": runs[other].name, "other": runs[one].name}
-            messages.append(message("recording.shared_noise", **names, correlation=share))
-    return messages
-
-
-def shared_noise(one: Array, one_period_s: float, other: Array, other_period_s: float) -> float | None:
-    """Correlation of the noise of two runs at the lag where it is greatest; None where they do not share it.
-
-    Parameters
-    ----------
-    one, other : ndarray, shape (n,)
-        Rates of a gyro, in any unit each.
-    one_period_s, other_period_s : float
-        Sample periods in s. The clock of one of the runs may be wrong, so that equal samples are compared as well.
-    """
-    if one_period_s > other_period_s:
-        one, one_period_s, other, other_period_s = other, other_period_s, one, one_period_s
-    factor = round(other_period_s / one_period_s)
-    trials = [(one, other)]
-    if 1 < factor <= COARSEST:
-        means = one[: len(one) // factor * factor].reshape(-1, factor).mean(axis=1)
-        trials = [(one[phase::factor], other) for phase in range(factor)] + [(means, other), (one, other)]
-    ratio = other_period_s / one_period_s
-    if abs(ratio / factor - 1.0) > 0.01 and ratio < COARSEST:  # one of them may have been interpolated from the other
-        trials.append((np.interp(np.arange(0.0, len(one) - 1.0, ratio), np.arange(len(one)), one), other))
-    found = [share for first, second in trials if (share := _at_best_lag(first, second)) is not None]
-    return max(found, default=None)
-
-
-def _at_best_lag(one: Array, other: Array) -> float | None:
-    a, b = _steps(one), _steps(other)
-    if a is None or b is None:
-        return None
-    size = fft.next_fast_len(len(a) + len(b), real=True)
-    cross = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
-    strength = np.abs(cross)
-    white = np.divide(cross, strength, out=np.zeros_like(cross), where=strength > 0.0)
-    peaks = fft.irfft(white, size)
-    lag = int(np.argmax(np.abs(peaks)))
-    lag = lag if lag < len(a) else lag - size
-    first, second = (a[lag:], b) if lag >= 0 else (a, b[-lag:])
-    common = min(len(first), len(second))
-    if common < FEWEST_SAMPLES:
-        return None
-    blocks = max(1, common // FEWEST_SAMPLES)
-    first, second = (part[: common // blocks * blocks].reshape(blocks, -1) for part in (first, second))
-    scale = np.sqrt(np.mean(first**2, axis=1) * np.mean(second**2, axis=1))
-    shares = np.abs(np.mean(first * second, axis=1)) / np.where(scale > 0.0, scale, np.inf)
-    # Steps of white noise are correlated with the next ones, by which their correlation over a block scatters more.
-    alike = (shares > SHARED) & (shares * np.sqrt(first.shape[1] / 1.5) > DEVIATIONS / np.sqrt(min(blocks, 4)))
-    return float(np.mean(shares[alike])) if np.count_nonzero(alike) >= min(blocks, 4) else None
-
-
-def _steps(values: Array) -> Array | None:
-    """Steps of a gyro's output without its drift and its jumps, of zero mean; None where there is no noise in them."""
-    steps = np.diff(values[:MOST_SAMPLES])
-    if len(steps) < FEWEST_SAMPLES:
-        return None
-    steps = steps - np.median(steps)
-    scale = 1.4826 * float(np.median(np.abs(steps)))
-    if not scale > 0.0:
-        return None
-    steps = np.where(np.abs(steps) <= CLIP * scale, steps, 0.0)
-    return np.asarray(steps - steps.mean())
-
-
-def shares_means(rate_deg_h: Array, period_s: float, means_deg_h: Array, averaging_s: float) -> bool:
-    """Whether a run holds the noise of means over consecutive windows, wherever its own windows begin.
-
-    Parameters
-    ----------
-    rate_deg_h : ndarray, shape (n,)
-    period_s : float
-        Sample period of the run in s.
-    means_deg_h : ndarray, shape (m,)
-        Means of another run, or of this one.
-    averaging_s : float
-        Length of a window in s.
-    """
-    size = max(1, round(averaging_s / period_s))
-    if len(rate_deg_h) < 4 * size or len(means_deg_h) < _FEWEST_MEANS:
-        return False
-    sums = np.concatenate([[0.0], np.cumsum(rate_deg_h - np.mean(rate_deg_h))])
-    averages = (sums[size:] - sums[:-size]) / size
-    known = _bends(means_deg_h)
-    for phase in range(0, size, max(1, size // _PHASES)):
-        own = _bends(averages[phase::size])
-        count = fft.next_fast_len(len(own) + len(known), real=True)
-        cross = fft.irfft(fft.rfft(own, count) * np.conj(fft.rfft(known, count)), count)
-        lag = int(np.argmax(np.abs(cross)))
-        lag = lag if lag < len(own) else lag - count
-        first, second = (own[lag:], known) if lag >= 0 else (own, known[-lag:])
-        common = min(len(first), len(second))
-        scale = float(np.sqrt(np.sum(first[:common] ** 2) * np.sum(second[:common] ** 2)))
-        if common < _FEWEST_MEANS or not scale > 0.0:
-            continue
-        share = abs(float(np.sum(first[:common] * second[:common]))) / scale
-        if share > max(_SHARED_MEANS, _MEAN_DEVIATIONS / np.sqrt(common)):
-            return True
-    return False
-
-
-def _bends(means: Array) -> Array:
-    """Second differences, of which drift is no part, clipped where they are no noise."""
-    bends = np.diff(means, 2)
-    scale = 1.4826 * float(np.median(np.abs(bends - np.median(bends)))) if len(bends) else 0.0
-    return np.asarray(np.clip(bends, -CLIP * scale, CLIP * scale))
-
-
-def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float) -> float:
-    """Least standard deviation that the white noise of a run can leave in its means: by its samples, or by halves of its windows.
-
-    Parameters
-    ----------
-    rate_deg_h : ndarray, shape (n,)
-    period_s : float
-        Sample period in s.
-    averaging_s : float
-        Length of a window in s.
-    """
-    size = max(2, round(averaging_s / period_s) // 2)
-    count = len(rate_deg_h) // size
-    channel = _Channel.of(rate_deg_h)
-    if count < _FEWEST_WINDOWS or channel is None:
-        return 0.0
-    halves = rate_deg_h[: count * size].reshape(count, size).mean(axis=1)
-    by_halves = 1.4826 * float(np.median(np.abs(np.diff(halves, 2)))) / np.sqrt(6.0 * 2.0)
-    return min(channel.noise / np.sqrt(2.0 * size), by_halves)
 
 
 # --- channels --------------------------------------------------------------------------------------------------------------------
@@ -253,7 +97,7 @@ class _Channel:
         hidden = len(distinct) < len(values) / 2 and not noise > _DIGITS * digit
         if not noise > 0.0:
             noise = float(np.sqrt(np.mean(bends**2) / 6.0))
-        steps = _steps(values)
+        steps = noise_steps(values)
         correlation = float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2)) if steps is not None and np.any(steps) else np.nan
         low, high = np.quantile(values, [0.01, 0.99])
         repeated = _repeated(values, distinct, counts)
@@ -265,6 +109,27 @@ def _repeated(values: Array, distinct: Array, counts: npt.NDArray[np.int64]) -> 
     most = int(np.argmax(counts))
     held = int(np.count_nonzero(values[1:] == values[:-1]))
     return {"samples": len(values), "frequent": (float(distinct[most]), int(counts[most])), "held": held}
+
+
+def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float) -> float:
+    """Least standard deviation that the white noise of a run can leave in its means: by its samples, or by halves of its windows.
+
+    Parameters
+    ----------
+    rate_deg_h : ndarray, shape (n,)
+    period_s : float
+        Sample period in s.
+    averaging_s : float
+        Length of a window in s.
+    """
+    size = max(2, round(averaging_s / period_s) // 2)
+    count = len(rate_deg_h) // size
+    channel = _Channel.of(rate_deg_h)
+    if count < _FEWEST_WINDOWS or channel is None:
+        return 0.0
+    halves = rate_deg_h[: count * size].reshape(count, size).mean(axis=1)
+    by_halves = 1.4826 * float(np.median(np.abs(np.diff(halves, 2)))) / np.sqrt(6.0 * 2.0)
+    return min(channel.noise / np.sqrt(2.0 * size), by_halves)
 
 
 def _channels(runs: Sequence[Recording]) -> list[Message]:
@@ -320,6 +185,8 @@ def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel
             if abs(lags[odd] - _typical(lags, odd)) > SPECTRUM:
                 messages.append(message("recording.other_spectrum", run=runs[odd].name, column=column))
                 return messages
+        if not hidden and is_gyro(column) and (changed := _changing(runs, column, list(noises))) is not None:
+            return [changed]
     digits = {k: one.digit for k, one in known.items() if one.hidden and one.digit > 0.0}
     if len(digits) == len(known):
         odd, ratio = _odd_one(digits)
@@ -349,8 +216,25 @@ def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel
     return messages
 
 
+def _changing(runs: Sequence[Recording], column: str, known: Sequence[int]) -> Message | None:
+    """A message of the run whose noise differs between its halves as in no other run."""
+    ratios = {}
+    for k in known:
+        values = runs[k].column(column)
+        halves = [_Channel.of(part) for part in np.array_split(values, 2)]
+        if all(half is not None and half.noise > 0.0 for half in halves):
+            first, second = (half.noise for half in halves if half is not None)
+            ratios[k] = second / first
+    if len(ratios) < 2:
+        return None
+    odd, difference = _odd_one(ratios)
+    if difference < NOISE_RATIO or not max(ratios[odd], 1.0 / ratios[odd]) > NOISE_RATIO:
+        return None
+    return message("recording.changing_noise", run=runs[odd].name, column=column, ratio=ratios[odd], others=_typical(ratios, odd))
+
+
 def _thermometers(runs: Sequence[Recording]) -> list[Message]:
-    """Messages of thermometers that follow another one with another slope than in the other runs."""
+    """Messages of thermometers that follow another one with another slope, or on another course, than in the other runs."""
     names = [name for name in runs[0].columns if name.endswith("_degC") and all(name in run for run in runs)]
     messages: list[Message] = []
     for reference, column in itertools.combinations(names, 2):
@@ -364,7 +248,37 @@ def _thermometers(runs: Sequence[Recording]) -> list[Message]:
             if ratio > THERMOMETER_RATIO:
                 names_of = {"run": runs[odd].name, "column": column, "other": reference}
                 messages.append(message("recording.other_slope", **names_of, ratio=slopes[odd] / _typical(slopes, odd)))
-    return messages
+    return messages or _other_courses(runs, names)
+
+
+def _other_courses(runs: Sequence[Recording], names: Sequence[str]) -> list[Message]:
+    """A message of the thermometer that departs most from the course that another one foretells by the other runs."""
+    largest, found = 0.0, None
+    for reference, column in itertools.permutations(names, 2):
+        means = [(_lagged_courses(run, reference), _window_means(run.column(column))) for run in runs]
+        for k, (X, y) in enumerate(means):
+            others = [pair for other, pair in enumerate(means) if other != k]
+            X_others, y_others = np.vstack([pair[0] for pair in others]), np.concatenate([pair[1] for pair in others])
+            low, high = X_others[:, 1].min(), X_others[:, 1].max()
+            inside = (X[:, 1] >= low) & (X[:, 1] <= high)
+            if np.count_nonzero(inside) < max(_FEWEST_WINDOWS, 0.7 * len(y)) or np.ptp(X_others[:, 1]) < 10.0:
+                continue
+            weights = np.linalg.lstsq(X_others, y_others, rcond=None)[0]
+            usual_K = float(np.std(y_others - X_others @ weights))
+            departure_K = float(np.std((y - X @ weights)[inside]))
+            share = departure_K / max(float(np.ptp(y_others)), float(np.ptp(y)))
+            if share > max(OTHER_COURSE, largest) and departure_K > OTHER_COURSE_RATIO * usual_K:
+                largest = share
+                found = message("recording.other_course", run=runs[k].name, column=column, other=reference, departure_K=departure_K)
+    return [] if found is None else [found]
+
+
+def _lagged_courses(run: Recording, column: str) -> Array:
+    """A constant, the means of a thermometer over windows, and the same with lags."""
+    means = _window_means(run.column(column))
+    window_s = run.period_s * max(1, len(run) // _WINDOWS)
+    lagged = [lfilter([1.0 - a], [1.0, -a], means - means[0]) + means[0] for a in (np.exp(-window_s / lag_s) for lag_s in LAGS_S)]
+    return np.column_stack([np.ones(len(means)), means, *lagged])
 
 
 def _window_means(values: Array) -> Array:
@@ -391,13 +305,17 @@ def _odd_one(values: dict[int, float]) -> tuple[int, float]:
 # --- clocks ----------------------------------------------------------------------------------------------------------------------
 
 
-def _clocks(runs: Sequence[Recording], noises: dict[int, tuple[Array, float]]) -> list[Message]:
-    """A message where runs of other sample periods have the same noise from sample to sample: averaging would have changed it."""
-    periods = {k: period_s for k, (_, period_s) in noises.items()}
+def _clocks(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]:
+    """A message where runs of other sample periods have the same noise from sample to sample, which averaging would have changed,
+    or where the periods differ by less than settings of a logger do."""
+    periods = {k: runs[k].period_s for k in rates}
     if len(periods) < 2:
         return []
     odd, ratio = _odd_one(periods)
-    channels = {k: _Channel.of(rate) for k, (rate, _) in noises.items()}
+    if 1.0 + SMALLEST_CLOCK_ERROR < ratio < 1.0 + LARGEST_CLOCK_ERROR:
+        both = {"period_s": periods[odd], "others_s": _typical(periods, odd)}
+        return [message("recording.other_period", run=runs[odd].name, **both)]
+    channels = {k: _Channel.of(rate) for k, rate in rates.items()}
     known = {k: one.noise for k, one in channels.items() if one is not None and one.noise > 0.0}
     if ratio < PERIOD_RATIO or odd not in known or len(known) < 2:
         return []

@@ -357,6 +357,18 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "time "
         "is in another unit, or it was thinned out without averaging. Map the time with its unit, as --map time_s='time_s [ms]'."
     ),
+    "recording.other_period": (
+        "{run} has a sample period of {period_s:.6g} s, the other runs {others_s:.6g} s, a difference that loggers are seldom set "
+        "to: one of the clocks runs fast or slow. Lags and rates of change are wrong by as much."
+    ),
+    "recording.changing_noise": (
+        "{run}, {column}: the noise of its second half is {ratio:.3g} times that of its first, in the other runs {others:.3g} "
+        "times: something disturbed one of the halves. Leave that half out, as RUN@START:STOP."
+    ),
+    "recording.other_course": (
+        "{run}, {column}: it departs by {departure_K:.3g} K rms from the course that {other} foretells by the other runs, as a "
+        "thermometer that lost its sign, or another run's. Leave the column or the run out."
+    ),
     "recording.other_response": (
         "{run}: its gyro follows the temperature {slope:.3g} times as in the other runs: the gyro has another sign or unit. "
         "State it "

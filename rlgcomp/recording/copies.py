@@ -1,0 +1,161 @@
+"""Copies: runs that hold the noise of another run.
+
+Two runs of a gyro share everything but its noise. A run that holds the noise of another is a copy of it, whatever its clock,
+offset, scale or sample period. Noise is compared with its spectrum whitened, so that lines and drifts count for little.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
+
+Array = npt.NDArray[np.float64]
+MOST_FILLED: Final = 1.2  # times of a steady clock, over the samples that there are
+MOST_SAMPLES: Final = 1 << 19  # of a run that are compared with another run
+FEWEST_SAMPLES: Final = 200
+CLIP: Final = 4.0  # robust standard deviations beyond which a step is no noise
+SHARED: Final = 0.5  # correlation of the noise of two runs from which they share it
+DEVIATIONS: Final = 12.0  # of that correlation from zero; there are as many trials as samples
+COARSEST: Final = 50  # ratio of sample periods
+_FEWEST_MEANS: Final = 30
+_PHASES: Final = 50  # places of a window at which the windows of two runs are compared
+_SHARED_MEANS, _MEAN_DEVIATIONS = 0.75, 9.0
+
+
+def copies(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]:
+    """A message for each pair of runs that share their noise.
+
+    Parameters
+    ----------
+    runs : sequence of Recording
+    rates : dict of int to ndarray
+        Rates of a gyro in deg/h, by the index of the run.
+    """
+    noises = {k: (_without_gaps(runs[k], rate), runs[k].period_s) for k, rate in rates.items()}
+    messages = []
+    for one, other in itertools.combinations(noises, 2):
+        share = shared_noise(*noises[one], *noises[other])
+        if share is not None:
+            names = {"run": runs[other].name, "other": runs[one].name}
+            messages.append(message("recording.shared_noise", **names, correlation=share))
+    return messages
+
+
+def shared_noise(one: Array, one_period_s: float, other: Array, other_period_s: float) -> float | None:
+    """Correlation of the noise of two runs at the lag where it is greatest; None where they do not share it.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (n,)
+        Rates of a gyro, in any unit each.
+    one_period_s, other_period_s : float
+        Sample periods in s. The clock of one of the runs may be wrong, so that equal samples are compared as well.
+    """
+    if one_period_s > other_period_s:
+        one, one_period_s, other, other_period_s = other, other_period_s, one, one_period_s
+    factor = round(other_period_s / one_period_s)
+    trials = [(one, other)]
+    if 1 < factor <= COARSEST:
+        means = one[: len(one) // factor * factor].reshape(-1, factor).mean(axis=1)
+        trials = [(one[phase::factor], other) for phase in range(factor)] + [(means, other), (one, other)]
+    ratio = other_period_s / one_period_s
+    if abs(ratio / factor - 1.0) > 0.01 and ratio < COARSEST:  # one of them may have been interpolated from the other
+        trials.append((np.interp(np.arange(0.0, len(one) - 1.0, ratio), np.arange(len(one)), one), other))
+    found = [share for first, second in trials if (share := _at_best_lag(first, second)) is not None]
+    return max(found, default=None)
+
+
+def _at_best_lag(one: Array, other: Array) -> float | None:
+    a, b = noise_steps(one), noise_steps(other)
+    if a is None or b is None:
+        return None
+    size = fft.next_fast_len(len(a) + len(b), real=True)
+    cross = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
+    strength = np.abs(cross)
+    white = np.divide(cross, strength, out=np.zeros_like(cross), where=strength > 0.0)
+    peaks = fft.irfft(white, size)
+    lag = int(np.argmax(np.abs(peaks)))
+    lag = lag if lag < len(a) else lag - size
+    first, second = (a[lag:], b) if lag >= 0 else (a, b[-lag:])
+    common = min(len(first), len(second))
+    if common < FEWEST_SAMPLES:
+        return None
+    blocks = max(1, common // FEWEST_SAMPLES)
+    first, second = (part[: common // blocks * blocks].reshape(blocks, -1) for part in (first, second))
+    scale = np.sqrt(np.mean(first**2, axis=1) * np.mean(second**2, axis=1))
+    shares = np.abs(np.mean(first * second, axis=1)) / np.where(scale > 0.0, scale, np.inf)
+    # Steps of white noise are correlated with the next ones, by which their correlation over a block scatters more.
+    alike = (shares > SHARED) & (shares * np.sqrt(first.shape[1] / 1.5) > DEVIATIONS / np.sqrt(min(blocks, 4)))
+    return float(np.mean(shares[alike])) if np.count_nonzero(alike) >= min(blocks, 4) else None
+
+
+def noise_steps(values: Array) -> Array | None:
+    """Steps of a gyro's output without its drift and its jumps, of zero mean; None where there is no noise in them."""
+    steps = np.diff(values[:MOST_SAMPLES])
+    if len(steps) < FEWEST_SAMPLES:
+        return None
+    steps = steps - np.median(steps)
+    scale = 1.4826 * float(np.median(np.abs(steps)))
+    if not scale > 0.0:
+        return None
+    steps = np.where(np.abs(steps) <= CLIP * scale, steps, 0.0)
+    return np.asarray(steps - steps.mean())
+
+
+def shares_means(rate_deg_h: Array, period_s: float, means_deg_h: Array, averaging_s: float) -> bool:
+    """Whether a run holds the noise of means over consecutive windows, wherever its own windows begin.
+
+    Parameters
+    ----------
+    rate_deg_h : ndarray, shape (n,)
+    period_s : float
+        Sample period of the run in s.
+    means_deg_h : ndarray, shape (m,)
+        Means of another run, or of this one.
+    averaging_s : float
+        Length of a window in s.
+    """
+    size = max(1, round(averaging_s / period_s))
+    if len(rate_deg_h) < 4 * size or len(means_deg_h) < _FEWEST_MEANS:
+        return False
+    sums = np.concatenate([[0.0], np.cumsum(rate_deg_h - np.mean(rate_deg_h))])
+    averages = (sums[size:] - sums[:-size]) / size
+    known = _bends(means_deg_h)
+    for phase in range(0, size, max(1, size // _PHASES)):
+        own = _bends(averages[phase::size])
+        count = fft.next_fast_len(len(own) + len(known), real=True)
+        cross = fft.irfft(fft.rfft(own, count) * np.conj(fft.rfft(known, count)), count)
+        lag = int(np.argmax(np.abs(cross)))
+        lag = lag if lag < len(own) else lag - count
+        first, second = (own[lag:], known) if lag >= 0 else (own, known[-lag:])
+        common = min(len(first), len(second))
+        scale = float(np.sqrt(np.sum(first[:common] ** 2) * np.sum(second[:common] ** 2)))
+        if common < _FEWEST_MEANS or not scale > 0.0:
+            continue
+        share = abs(float(np.sum(first[:common] * second[:common]))) / scale
+        if share > max(_SHARED_MEANS, _MEAN_DEVIATIONS / np.sqrt(common)):
+            return True
+    return False
+
+
+def _bends(means: Array) -> Array:
+    """Second differences, of which drift is no part, clipped where they are no noise."""
+    bends = np.diff(means, 2)
+    scale = 1.4826 * float(np.median(np.abs(bends - np.median(bends)))) if len(bends) else 0.0
+    return np.asarray(np.clip(bends, -CLIP * scale, CLIP * scale))
+
+
+def _without_gaps(run: Recording, rate_deg_h: Array) -> Array:
+    """A gyro at the times of a steady clock, lost samples interpolated: a copy without them has its noise in the same places."""
+    places = np.rint((run.time_s - run.time_s[0]) / run.period_s)
+    if len(places) < 2 or places[-1] == len(places) - 1 or places[-1] > MOST_FILLED * len(places):
+        return rate_deg_h
+    return np.interp(np.arange(places[-1] + 1.0), places, rate_deg_h)
