@@ -108,7 +108,7 @@ def select(
     progress : callable, optional
         Called with (done, total).
     """
-    batches = specification.batches(X.shape[1])
+    batches = specification.candidates(model, X.shape[1])
     if not batches:
         (only,) = specification.rmse(model, [{}], X, y, groups).tolist()
         return Selection({}, only, pd.DataFrame({"rmse": [only], "chosen": [True]}))

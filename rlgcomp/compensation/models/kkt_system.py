@@ -6,6 +6,8 @@ package) and weights :math:`v_i`,
 .. math:: \begin{pmatrix} 0 & 1^T \\ 1 & H \end{pmatrix} \begin{pmatrix} b \\ \alpha \end{pmatrix} =
           \begin{pmatrix} 0 \\ y \end{pmatrix}, \qquad H = \Omega + \mathrm{diag}(1 / \gamma v_i).
 
+Further columns may stand beside the intercept's: see :mod:`rlgcomp.compensation.models.border`.
+
 The lower right block of the inverse is :math:`C = H^{-1} - H^{-1}11^TH^{-1} / 1^TH^{-1}1`. It gives :math:`\alpha = C y` and the
 residuals without a group G of rows, :math:`e_G = C_{GG}^{-1} \alpha_G`, from the same solution.
 
@@ -32,6 +34,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
+from rlgcomp.compensation.models.border import Border
 from rlgcomp.compensation.models.run_biases import gain, restricted_likelihood
 from rlgcomp.errors import InputError
 
@@ -52,10 +55,13 @@ class KKTSystem:
         The kernel matrix Omega.
     c : ndarray, shape (n,)
         gamma v, row by row.
+    border : Border, optional
+        By default the intercept alone.
     """
 
-    def __init__(self, gram: Array, c: Array) -> None:
+    def __init__(self, gram: Array, c: Array, border: Border | None = None) -> None:
         n = len(gram)
+        self._columns = Border.of(np.empty((n, 0))) if border is None else border
         h = gram + np.diag(1.0 / c)
         try:
             inverse = linalg.cho_solve(linalg.cho_factor(h, lower=True, check_finite=False), np.eye(n), check_finite=False)
@@ -65,37 +71,41 @@ class KKTSystem:
             rounding = n * np.finfo(np.float64).eps * np.abs(values).max()
             values = np.where(np.abs(values) <= rounding, max(rounding, float(np.min(1.0 / c))), values)
             inverse = (vectors / values) @ vectors.T
-        self._border = inverse.sum(axis=0)
-        self._total = self._border.sum()
-        inverse -= np.outer(self._border, self._border) / self._total
+        self._border = inverse @ self._columns.basis
+        self._total = self._columns.basis.T @ self._border
+        inverse -= self._border @ linalg.solve(self._total, self._border.T, assume_a="sym")
         self._inverse = inverse
 
     def restricted_likelihood(self, Z: Array, y: Array) -> float:
         """rho of greatest restricted likelihood for runs of the indicator Z, shape (n, runs), and the output y, shape (n,)."""
         applied, alpha = self._inverse @ Z, self._inverse @ y
-        return float(restricted_likelihood((Z.T @ applied)[None], (Z.T @ alpha)[None], np.array([y @ alpha]), len(y))[0])
+        rows = len(y) - self._border.shape[1] + 1
+        return float(restricted_likelihood((Z.T @ applied)[None], (Z.T @ alpha)[None], np.array([y @ alpha]), rows)[0])
 
     def add_run_biases(self, Z: Array, rho: float) -> None:
         """Border the system with a column for each run, shape (n, runs), whose biases have the variance rho."""
         applied = self._inverse @ Z
         K = gain(np.array([rho]), (Z.T @ applied)[None])[0]
-        full = applied + np.outer(self._border, self._border @ Z) / self._total  # H^-1 Z
-        border = self._border - full @ gain(np.array([rho]), (Z.T @ full)[None])[0] @ (self._border @ Z)
+        across = Z.T @ self._border
+        full = applied + self._border @ linalg.solve(self._total, across.T, assume_a="sym")  # H^-1 Z
+        border = self._border - full @ gain(np.array([rho]), (Z.T @ full)[None])[0] @ across
         self._inverse -= applied @ K @ applied.T
-        self._border, self._total = border, border.sum()
+        self._border, self._total = border, self._columns.basis.T @ border
 
-    def solve(self, y: Array) -> tuple[Array, float]:
-        """alpha, shape (n,), and b for the output y, shape (n,)."""
-        return self._inverse @ y, float(self._border @ y / self._total)
+    def solve(self, y: Array) -> tuple[Array, Array]:
+        """alpha, shape (n,), and b and the coefficients of the border's columns, shape (1 + columns,), for the output y, shape (n,)."""
+        return self._inverse @ y, self._columns.back @ linalg.solve(self._total, self._border.T @ y, assume_a="sym")
 
     def inverse_diagonal(self) -> Array:
         """Diagonal of C, shape (n,)."""
         return np.diag(self._inverse)
 
-    def leave_groups_out(self, alpha: Array, groups: npt.NDArray[np.generic]) -> Array:
-        """Residual of each row without its whole group, shape (n,)."""
-        residuals = np.empty(len(alpha))
+    def leave_groups_out(self, alpha: Array, groups: npt.NDArray[np.generic], skipped: int | None = None) -> Array:
+        """Residual of each row without its whole group, shape (n,); zero in the group of the label `skipped`."""
+        residuals = np.zeros(len(alpha))
         for label in np.unique(groups):
+            if label == skipped:
+                continue
             rows = np.flatnonzero(groups == label)
             residuals[rows] = linalg.solve(self._inverse[np.ix_(rows, rows)], alpha[rows], assume_a="sym")
         return residuals
@@ -132,13 +142,13 @@ class DeviceKKTSystem:
             self._panels = self._factored(1.0 / _tensor(c, self._device))
             self._ones = self._forward(torch.ones((self._n, 1), dtype=torch.float64, device=self._device))
 
-    def solve(self, y: Array) -> tuple[Array, float]:
-        """alpha, shape (n,), and b for the output y, shape (n,)."""
+    def solve(self, y: Array) -> tuple[Array, Array]:
+        """alpha, shape (n,), and b, shape (1,), for the output y, shape (n,)."""
         with self._memory():
             z = self._forward(_tensor(y, self._device)[:, None].clone())
             u = self._ones
             intercept = float((u * z).sum() / (u * u).sum())
-            return _numpy(self._backward(z - intercept * u)[:, 0]), intercept
+            return _numpy(self._backward(z - intercept * u)[:, 0]), np.array([intercept])
 
     def inverse_diagonal(self) -> Array:
         """Diagonal of C, shape (n,)."""

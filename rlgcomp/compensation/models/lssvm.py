@@ -17,8 +17,9 @@ group G of rows that is left out has the residuals
 
 .. math:: e_G = C_{GG}^{-1} \alpha_G, \qquad\text{one row}\qquad e_i = \alpha_i / C_{ii},
 
-from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Runs have biases of their own, each a
-further column of the border: see :mod:`rlgcomp.compensation.models.run_biases`.
+from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may enter linearly instead, as further
+columns of the border (a semi-parametric LS-SVM): see :mod:`rlgcomp.compensation.models.border`. Runs have biases of their own, each
+a column whose coefficient is random: see :mod:`rlgcomp.compensation.models.run_biases`.
 
 References
 ----------
@@ -37,9 +38,10 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
+from rlgcomp.compensation.models.border import Border
 from rlgcomp.compensation.models.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device
@@ -61,6 +63,7 @@ Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid", "rbf", "poly")
 _SYNONYMS: Final = {"rbf": "gaussian", "poly": "polynomial"}  # as scikit-learn names them
 MANY_ROWS: Final = 1500  # beyond which candidates are compared on this number of centres:
+WITHOUT_KERNEL: Final = 1e-9  # c of which the kernel's part is nothing
 CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel to rounding
 _ROBUST_PASSES: Final = 3
 _OUTLIER_WEIGHT: Final = 1e-4
@@ -91,6 +94,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     run_variance : float, optional
         Variance of the runs' own biases about b, over that of the kernel's function. None estimates it by restricted likelihood
         where `fit` is given the runs. A prediction has the mean of the runs' biases.
+    linear : tuple of int, default ()
+        Inputs that enter linearly, without regularisation, and not by the kernel: known physics. Not with several outputs or a
+        device.
     device : {None, "auto", "cpu", "cuda", "cuda:0"}, default None
         None computes by NumPy and SciPy. A name computes by torch in that device's memory for n²/2 numbers, for tens of thousands
         of rows; "auto" is a graphics card where there is one. Fits and predictions agree to rounding. It is not saved with a model.
@@ -101,6 +107,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Their sum is zero.
     intercept_ : float, or ndarray of shape (outputs,)
         b.
+    coef_ : ndarray, shape (linear,)
+        Coefficients of the inputs that enter linearly.
     X_fit_ : ndarray, shape (n, features)
         The centres: the training rows of positive weight.
     weights_ : ndarray, shape (n,)
@@ -123,6 +131,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     run_variance_: float = 0.0  # of a model saved before runs had biases of their own
     runs_: Array | None = None
+    coef_: Array | None = None
 
     def __init__(
         self,
@@ -135,6 +144,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         slope: float = 0.01,
         robust: bool = False,
         run_variance: float | None = None,
+        linear: tuple[int, ...] = (),
         device: str | None = None,
     ) -> None:
         self.kernel = kernel
@@ -145,6 +155,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.slope = slope
         self.robust = robust
         self.run_variance = run_variance
+        self.linear = linear
         self.device = device
 
     def fit(
@@ -178,6 +189,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         inputs, target = validate_data(
             self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2, multi_output=not self.robust
         )
+        self._require_linear(inputs.shape[1], target)
         multiplicity = np.ones(len(target))
         self.runs_ = self._run_numbers(runs, target)
         if sample_weight is not None:
@@ -199,10 +211,11 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.intercept_: float | Array
         if target.ndim > 1:
             alphas, intercepts = zip(*(solved.solve(np.ascontiguousarray(column)) for column in target.T), strict=True)
-            self.alpha_, self.intercept_ = np.column_stack(alphas), np.array(intercepts)
+            self.alpha_, self.intercept_ = np.column_stack(alphas), np.concatenate(intercepts)
             diagonal = diagonal[:, None]
         else:
-            self.alpha_, self.intercept_ = solved.solve(target)
+            self.alpha_, coefficients = solved.solve(target)
+            self.intercept_, self.coef_ = float(coefficients[0]), coefficients[1:] if self.linear else None
         self._solved = solved if self.device is None else None  # a device's memory is freed
         self.loo_residuals_ = self.alpha_ / diagonal
         mean_square = np.mean(self.alpha_**2 / diagonal, axis=0)  # negative only if the kernel is indefinite
@@ -230,6 +243,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
         sums = self._sums(inputs, self.alpha_) if self.alpha_.ndim == 1 else self._each(lambda alpha: self._sums(inputs, alpha))
         prediction = sums + self.intercept_
+        if self.coef_ is not None:
+            for place, coefficient in zip(self.linear, self.coef_.tolist(), strict=True):  # the same bits for a row alone
+                prediction = prediction + coefficient * inputs[:, place]
         return (prediction, self._std(inputs)) if return_std else prediction
 
     @property
@@ -254,6 +270,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         require_choice(self, "kernel", ("gaussian", "rbf"))
+        if self.linear:
+            raise InputError("a row predictor is of a kernel alone, and inputs of this model enter linearly; use predict")
         if self.alpha_.ndim > 1:
             raise InputError(f"a row predictor has one output, and this model {self.alpha_.shape[1]}; use predict")
         centres, alpha = np.ascontiguousarray(self.X_fit_.T), np.ascontiguousarray(self.alpha_)
@@ -292,9 +310,32 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if solved is None:
             solved = self._with_run_biases(self._kkt_system_of(self.X_fit_)(self.c * self.weights_))
             self._solved = solved if self.device is None else None
+        if self.linear:
+            return self._leave_groups_out(solved, numbers)
         if self.alpha_.ndim == 1:
             return solved.leave_groups_out(self.alpha_, numbers)
         return self._each(lambda alpha: solved.leave_groups_out(alpha, numbers))
+
+    def _leave_groups_out(self, solved: KKTSystem | DeviceKKTSystem, groups: npt.NDArray[np.intp]) -> Array:
+        """In closed form; folds without which a column of the border is not determined are fitted again, its coefficient least."""
+        border, residuals = Border.of(self.X_fit_[:, list(self.linear)]), np.empty(len(self.alpha_))
+        determined = np.array([border.determined_without(groups == label) for label in np.unique(groups)])
+        inside = determined[groups]
+        if inside.any():
+            closed = np.where(inside, groups, -1)
+            residuals[inside] = solved.leave_groups_out(self.alpha_, closed, skipped=-1)[inside]
+        errors = self.alpha_ / (self.c * self.weights_)
+        own = np.zeros(len(errors))
+        if self.runs_ is not None:
+            Z = indicator(self.runs_)
+            own = self.run_variance_ * (Z @ (Z.T @ self.alpha_))
+        y = self.predict(self.X_fit_) + errors + own
+        for label in np.flatnonzero(~determined):
+            out = groups == label
+            other = clone(self).set_params(run_variance=self.run_variance_)
+            other.fit(self.X_fit_[~out], y[~out], self.weights_[~out], None if self.runs_ is None else self.runs_[~out])
+            residuals[out] = y[out] - other.predict(self.X_fit_[out])
+        return residuals
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the inverse, n² numbers that are quickly computed again."""
@@ -312,6 +353,22 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if self.run_variance is not None:
             require_number(self, "run_variance", low=0.0)
         require_device(self)
+        whole = isinstance(self.linear, tuple | list) and all(isinstance(one, int) and one >= 0 for one in self.linear)
+        if not whole or len(set(self.linear)) < len(self.linear):
+            raise InputError(
+                f"The 'linear' parameter of LSSVMRegressor must name inputs by number, each once. Got {self.linear!r} instead."
+            )
+
+    def _require_linear(self, features: int, target: Array) -> None:
+        """Refuse inputs that enter linearly where there are none such, or where the system has no border for them."""
+        if self.linear and (max(self.linear) >= features or target.ndim > 1 or self.device is not None):
+            raise InputError(
+                f"linear names inputs {tuple(self.linear)} of {features}; they must be among them, of one output and without a device"
+            )
+
+    def _smooth(self, X: Array) -> Array:
+        """The inputs that the kernel takes."""
+        return np.ascontiguousarray(np.delete(X, list(self.linear), axis=1)) if self.linear else X
 
     def _each(self, compute: Callable[[Array], Array]) -> Array:
         """What is computed from the alpha of each output, as columns."""
@@ -323,7 +380,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             return predictions(self.kernel_name, self.get_params(), X, self.X_fit_, alpha, self.device)
         # the sum of alpha is zero: a constant subtracted from the Gaussian removes much rounding
         name = "gaussian_less_one" if self.kernel_name == "gaussian" else self.kernel_name
-        return kernel_sum(name, self.get_params(), X, self.X_fit_, alpha)
+        return kernel_sum(name, self.get_params(), self._smooth(X), self._smooth(self.X_fit_), alpha)
 
     def _run_numbers(self, runs: npt.ArrayLike | None, target: Array) -> Array | None:
         """Number of each row's run, or None where runs have no biases of their own."""
@@ -350,11 +407,13 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """From gamma v, row by row, to the KKT system of the rows X."""
         if self.device is not None:
             return functools.partial(DeviceKKTSystem, self.kernel_name, self.get_params(), X, self.device)
-        return functools.partial(KKTSystem, kernel(self.kernel_name, self.get_params(), X, X))
+        smooth, border = self._smooth(X), Border.of(X[:, list(self.linear)])
+        return functools.partial(KKTSystem, kernel(self.kernel_name, self.get_params(), smooth, smooth), border=border)
 
     def _std(self, X: Array) -> Array:
         reduction = self._variance_reduction(X)
-        variance = 1.0 / self.c + self.run_variance_ + kernel_diagonal(self.kernel_name, self.get_params(), X) - reduction
+        own = kernel_diagonal(self.kernel_name, self.get_params(), self._smooth(X))
+        variance = 1.0 / self.c + self.run_variance_ + own - reduction
         spread = np.sqrt(np.maximum(variance, 0.0))
         return np.asarray(self.scale_ * (spread if self.alpha_.ndim == 1 else spread[:, None]))
 
@@ -363,15 +422,18 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if self.device is not None:
             system = DeviceKKTSystem(self.kernel_name, self.get_params(), self.X_fit_, self.device, self.c * self.weights_)
             return system.variance_reduction(X)
-        across = kernel(self.kernel_name, self.get_params(), X, self.X_fit_)
-        gram = kernel(self.kernel_name, self.get_params(), self.X_fit_, self.X_fit_)
+        smooth, border = self._smooth(self.X_fit_), Border.of(self.X_fit_[:, list(self.linear)])
+        across = kernel(self.kernel_name, self.get_params(), self._smooth(X), smooth)
+        gram = kernel(self.kernel_name, self.get_params(), smooth, smooth)
         if self.runs_ is not None:
             gram = gram + self.run_variance_ * (self.runs_[:, None] == self.runs_)
         solved = linalg.solve(
-            gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([np.ones(len(gram)), across.T]), assume_a="sym"
+            gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([border.basis, across.T]), assume_a="sym"
         )
-        ones, each = solved[:, 0], solved[:, 1:]
-        return np.asarray(np.einsum("ij,ji->i", across, each) - (1.0 - across @ ones) ** 2 / ones.sum())
+        of_border, each = np.split(solved, [border.basis.shape[1]], axis=1)
+        rest = np.column_stack([np.ones(len(X)), X[:, list(self.linear)]]) @ border.back - across @ of_border
+        uncertain = linalg.solve(border.basis.T @ of_border, rest.T, assume_a="sym")
+        return np.asarray(np.einsum("ij,ji->i", across, each) - np.einsum("ij,ji->i", rest, uncertain))
 
 
 @compiled(reassociate=True)
@@ -421,14 +483,28 @@ def _batches(features: int) -> list[list[dict[str, Any]]]:
     return [[{"sigma": float(sigma), "c": float(c)} for c in 10.0 ** np.arange(-1.0, 9.0)] for sigma in widths]
 
 
+def _batches_of(model: LSSVMRegressor, features: int) -> list[list[dict[str, Any]]]:
+    """With inputs that enter linearly, their sum without a kernel's part is the first candidate, and smaller c are tried."""
+    batches = _batches(max(1, features - len(model.linear)))
+    if not model.linear:
+        return batches
+    less = [[{"sigma": batch[0]["sigma"], "c": c} for c in (1e-3, 1e-2)] + batch for batch in batches]
+    less[0].insert(0, {"sigma": batches[0][0]["sigma"], "c": WITHOUT_KERNEL})
+    return less
+
+
 def _rmse_of_batch(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
     sigma = candidates[0]["sigma"]
     c = np.array([candidate["c"] for candidate in candidates])
+    if model.linear and len(y) > MANY_ROWS:  # c, of noise over function, is that of fewer rows
+        step = -(-len(y) // MANY_ROWS)
+        X, y, groups = X[::step], y[::step], groups[::step]
     if model.kernel_name == "gaussian" and not model.robust and len(y) > MANY_ROWS:
         return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c, run_biases=model.run_variance is None)
-    gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, X, X)
-    runs = groups if model.run_variance is None else None
-    residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs)
+    smooth = np.delete(X, list(model.linear), axis=1)
+    gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, smooth, smooth)
+    runs, columns = groups if model.run_variance is None else None, X[:, list(model.linear)]
+    residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs, columns=columns)
     return between_and_within(residuals, groups)
 
 
@@ -439,6 +515,9 @@ def _check(model: LSSVMRegressor, features: int) -> None:
     require_shape(model, "weights_", len(model.X_fit_))
     if model.runs_ is not None:
         require_shape(model, "runs_", len(model.X_fit_))
+    model._require_linear(features, model.alpha_)
+    if model.linear:
+        require_shape(model, "coef_", len(model.linear))
     if model.run_variance_ < 0.0:
         raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
 
@@ -447,10 +526,11 @@ SPECIFICATION: Final = ModelSpecification(
     name="lssvm",
     estimator=LSSVMRegressor,
     batches=_batches,
+    batches_of=_batches_of,
     rmse=_rmse_of_batch,
     threads=True,
     reach=1.0,
     numbers=("intercept_", "scale_", "run_variance_"),
-    arrays=("alpha_", "X_fit_", "weights_", "runs_"),
+    arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_"),
     check=_check,
 )

@@ -1,8 +1,10 @@
 r"""The regularisation path of an LS-SVM: its KKT system solved for many :math:`\gamma`, and its folds left out in closed form.
 
 One decomposition of the kernel matrix serves every :math:`H = \Omega + I/\gamma` of :mod:`rlgcomp.compensation.models.kkt_system`;
-`c` is gamma. Where runs have biases of their own, each gamma has their variance by restricted likelihood; see
-:mod:`rlgcomp.compensation.models.run_biases`.
+`c` is gamma. The border (:mod:`rlgcomp.compensation.models.border`) is taken out of the kernel matrix beforehand: with F of
+orthonormal columns and Omega' = Q Omega Q + l F F^T, Q = I - F F^T, its columns are eigenvectors, so that
+:math:`C = H'^{-1} - F F^T / (l + 1/\gamma)`. Where runs have biases of their own, each gamma has their variance by restricted
+likelihood; see :mod:`rlgcomp.compensation.models.run_biases`.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compensation.models.border import Border
 from rlgcomp.compensation.models.run_biases import gain, indicator, restricted_likelihood
 from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import eigh, pivoted_cholesky, tridiagonal
@@ -35,6 +38,7 @@ def leave_groups_out_path(
     *,
     definite: bool,
     runs: npt.NDArray[Any] | None = None,
+    columns: Array | None = None,
 ) -> Array:
     """Residuals of each row without its whole group, for many c: one decomposition, or one a group where groups are few.
 
@@ -50,6 +54,8 @@ def leave_groups_out_path(
         Whether the kernel is positive definite.
     runs : ndarray, shape (n,), optional
         Label of each row's run, where runs have biases of their own.
+    columns : ndarray, shape (n, k), optional
+        The border's columns beside the intercept.
 
     Returns
     -------
@@ -57,24 +63,31 @@ def leave_groups_out_path(
     """
     c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
     folds = [np.flatnonzero(groups == label) for label in np.unique(groups)]
+    table = np.empty((len(y), 0)) if columns is None else columns
+    border = Border.of(table)
     residuals = np.empty((len(c), len(y)))
-    if len(folds) <= _FEW_GROUPS:
-        for fold in folds:
-            rest = np.delete(np.arange(len(y)), fold)
-            path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c, None if runs is None else runs[rest])
-            residuals[:, fold] = y[fold] - path.alpha @ gram[np.ix_(rest, fold)] - path.intercept[:, None]
+    # without a fold that alone shows one of the columns, its coefficient is of least norm: these folds are solved for the other rows
+    apart = folds if len(folds) <= _FEW_GROUPS else [fold for fold in folds if not border.determined_without(fold)]
+    for fold in apart:
+        rest = np.delete(np.arange(len(y)), fold)
+        path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c, None if runs is None else runs[rest], Border.of(table[rest]))
+        residuals[:, fold] = y[fold] - path.alpha @ gram[np.ix_(rest, fold)] - path.intercept[:, None] - path.slopes @ table[fold].T
+    if len(apart) == len(folds):
         return residuals
-    path_of_all = _fastest_path(gram, y, c, runs, definite=definite)
-    for fold in folds:
+    path_of_all = _fastest_path(gram, y, c, runs, border, definite=definite)
+    determined = [fold for fold in folds if not any(fold is other for other in apart)]
+    for fold in determined:
         residuals[:, fold] = path_of_all.leave_out(fold)
     return residuals
 
 
-def _fastest_path(gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None, *, definite: bool) -> EigenPath | TridiagonalPath:
+def _fastest_path(
+    gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None, border: Border, *, definite: bool
+) -> EigenPath | TridiagonalPath:
     beyond_rounding = 1.0 / c.max() > 10.0 * len(y) * np.finfo(np.float64).eps * float(np.diag(gram).max())
     if definite and beyond_rounding and len(y) >= COMPILED_ROWS and available():
-        return TridiagonalPath(gram, y, c, runs)
-    return EigenPath(gram, y, c, runs)
+        return TridiagonalPath(gram, y, c, runs, border)
+    return EigenPath(gram, y, c, runs, border)
 
 
 class EigenPath:
@@ -86,17 +99,25 @@ class EigenPath:
     Parameters
     ----------
     gram : ndarray, shape (n, n)
+        It is overwritten.
     y : ndarray, shape (n,)
     c : ndarray, shape (m,)
     runs : ndarray, shape (n,), optional
+    border : Border, optional
+        By default the intercept alone.
 
     Attributes
     ----------
     alpha : ndarray, shape (m, n)
     intercept : ndarray, shape (m,)
+    slopes : ndarray, shape (m, k)
+        Coefficients of the border's columns.
     """
 
-    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None) -> None:
+    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None, border: Border | None = None) -> None:
+        self.border = Border.of(np.empty((len(y), 0))) if border is None else border
+        F = self.border.basis
+        level, across = self.border.project(gram)
         rounding = len(y) * np.finfo(np.float64).eps * float(np.abs(np.diag(gram)).max())
         factor = _pivoted_factor(gram, max(0.1 * rounding, _DROPPED / float(c.max())))
         self.low_rank = factor is not None
@@ -109,26 +130,26 @@ class EigenPath:
             self.vectors = factor @ (vectors[:, positive] / np.sqrt(self.values))
         shifted = self.values + 1.0 / c[:, None]
         self.c, self.gain = c, self.values / shifted if self.low_rank else 1.0 / shifted  # of H^-1, or of I - H^-1 / c
-        self.ones = self._applied(np.ones(len(y)))
-        from_y = self._applied(y)
-        self.intercept = from_y.sum(axis=1) / self.ones.sum(axis=1)
-        self.alpha = from_y - self.intercept[:, None] * self.ones
+        self.shares = 1.0 / (level + 1.0 / c)  # of F F^T in H'^-1
+        self.alpha = self._applied(self.border.without(y))
         self.runs: tuple[Array, Array] | None = None
+        of_runs = np.zeros((len(c), F.shape[1]))
         if runs is not None and len(np.unique(runs)) > 1:
-            self._add_run_biases(indicator(runs), y)
+            of_runs = self._add_run_biases(indicator(runs), y)
+        # H alpha + F beta = y, with the runs' biases, and F^T alpha = 0
+        coefficients = (F.T @ y - self.alpha @ across.T - of_runs) @ self.border.back.T
+        self.intercept, self.slopes = coefficients[:, 0], coefficients[:, 1:]
 
-    def _add_run_biases(self, Z: Array, y: Array) -> None:
-        """C Z and the gain K, and the solution with them."""
-        applied = np.stack([self._applied(column) for column in Z.T], axis=2)
-        total = self.ones.sum(axis=1)
-        columns = applied - self.ones[:, :, None] * (self.ones @ Z / total[:, None])[:, None, :]
+    def _add_run_biases(self, Z: Array, y: Array) -> Array:
+        """C Z and the gain K, and the solution with them; F^T Z b_r, shape (m, p)."""
+        columns = np.stack([self._applied(column) for column in self.border.without(Z).T], axis=2)
         M, g = np.einsum("ni,mnj->mij", Z, columns), self.alpha @ Z
-        K = gain(restricted_likelihood(M, g, self.alpha @ y, len(y)), M)
+        rows = len(y) - self.border.basis.shape[1] + 1
+        K = gain(restricted_likelihood(M, g, self.alpha @ y, rows), M)
         self.runs = columns, K
-        # the intercept is y's share in the ones' own solution, both with run biases
         rho_effect = np.einsum("mij,mj->mi", K, g)
         self.alpha = self.alpha - np.einsum("mni,mi->mn", columns, rho_effect)
-        self.intercept = self.intercept - np.einsum("mi,mi->m", self.ones @ Z / total[:, None], rho_effect)
+        return np.asarray(rho_effect @ (self.border.basis.T @ Z).T)
 
     def _applied(self, vector: Array) -> Array:
         """H^-1 on a vector, shape (m, n)."""
@@ -137,12 +158,12 @@ class EigenPath:
 
     def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
         """Residuals of a fold that is left out, shape (m, rows): C_GG^-1 alpha_G."""
-        part, border = self.vectors[rows], self.ones[:, rows]
+        part, border = self.vectors[rows], self.border.basis[rows]
         blocks = (self.gain[:, None, :] * part).reshape(-1, part.shape[1]) @ part.T
         blocks = blocks.reshape(len(self.c), len(rows), len(rows))
         if self.low_rank:
             blocks = self.c[:, None, None] * (np.eye(len(rows)) - blocks)
-        blocks -= border[:, :, None] * (border / self.ones.sum(axis=1)[:, None])[:, None, :]
+        blocks -= self.shares[:, None, None] * (border @ border.T)
         if self.runs is not None:
             columns, K = self.runs
             blocks -= columns[:, rows] @ K @ columns[:, rows].transpose(0, 2, 1)
@@ -153,8 +174,7 @@ class TridiagonalPath:
     r"""For a positive definite kernel matrix Omega = Q T Q^T, T tridiagonal, which costs less than its eigenvectors.
 
     With T + I/c = L D L^T, each row of Z = D^-1/2 L^-1 Q^T V follows from the row before it, and Z^T Z = V^T H^-1 V for columns V,
-    the rows of a fold and y. The intercept absorbs constants that are added to whole rows and columns of Omega alike. So the
-    means of Omega are subtracted, the vector of ones becomes an eigenvector, and the border subtracts one number from all of H^-1.
+    the rows of a fold and y.
 
     The kernel matrix of a wide kernel has a factor F of low rank. F^T F = Q T Q^T is smaller, and with Q^T F^T in place of Q^T,
     V^T H^-1 V = c (V^T V - Z^T Z).
@@ -166,28 +186,30 @@ class TridiagonalPath:
     y : ndarray, shape (n,)
     c : ndarray, shape (m,)
     runs : ndarray, shape (n,), optional
+    border : Border, optional
+        By default the intercept alone.
     """
 
-    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None) -> None:
-        level, means = float(np.diag(gram).mean()), gram.mean(axis=0)
-        gram -= means
-        gram += (means.mean() + level / len(y) - means)[:, None]
+    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None, border: Border | None = None) -> None:
+        own = Border.of(np.empty((len(y), 0))) if border is None else border
+        level, _ = own.project(gram)
+        self.F = own.basis
         factor = _low_rank_factor_if_likely(gram, max(0.4 * len(y) * np.finfo(np.float64).eps * level, _DROPPED / float(c.max())))
         self.basis, diagonal, off_diagonal = tridiagonal(gram if factor is None else factor.T @ factor, overwrite=True)
         if factor is not None:
             self.basis = self.basis @ factor.T
-        self.c, self.y, self.low_rank = c, y - y.mean(), factor is not None
-        self.rotated_y, self.border = self.basis @ self.y, 1.0 / (len(y) * (level + 1.0 / c))
+        self.c, self.y, self.low_rank = c, own.without(y), factor is not None
+        self.rotated_y, self.shares = self.basis @ self.y, 1.0 / (level + 1.0 / c)
         self.scales, self.steps, self.work = np.empty((len(c), len(diagonal))), np.zeros((len(c), len(diagonal))), np.empty(0)
         _factors(diagonal, off_diagonal, 1.0 / c, self.scales, self.steps)
         self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
         Z = np.empty((len(y), 0)) if runs is None or len(np.unique(runs)) < 2 else indicator(runs)
-        self.Z = Z - Z.mean(axis=0)
+        self.Z = own.without(Z)
         self.rotated_Z = self.basis @ self.Z
         if self.Z.shape[1]:
             sums = self._products(np.empty(0, dtype=np.intp), slice(0, len(c)))
             M, g = sums[:, 1:, 1:], sums[:, 1:, 0]
-            self.gain = gain(restricted_likelihood(M, g, sums[:, 0, 0], len(y)), M)
+            self.gain = gain(restricted_likelihood(M, g, sums[:, 0, 0], len(y) - self.F.shape[1] + 1), M)
 
     def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
         """Residuals of a fold that is left out, shape (m, rows)."""
@@ -195,14 +217,15 @@ class TridiagonalPath:
         batch = min(len(residuals), max(1, _BATCH // (len(self.basis) * (len(rows) + 1 + self.Z.shape[1]))))
         for first in range(0, len(residuals), batch):
             part = slice(first, first + batch)
-            sums, border = self._products(rows, part), self.border[part]
+            sums = self._products(rows, part)
             if self.Z.shape[1]:
                 across = sums[:, : len(rows) + 1, len(rows) + 1 :]
                 sums = sums[:, : len(rows) + 1, : len(rows) + 1] - across @ self.gain[part] @ across.transpose(0, 2, 1)
+            sums[:, :-1, :-1] -= self.shares[part, None, None] * (self.F[rows] @ self.F[rows].T)
             if len(rows) <= _SMALL_FOLD:
-                self.eliminate(np.ascontiguousarray(sums), border, residuals[part])
+                self.eliminate(np.ascontiguousarray(sums), residuals[part])
             else:
-                residuals[part] = np.linalg.solve(sums[:, :-1, :-1] - border[:, None, None], sums[:, -1, :-1, None])[:, :, 0]
+                residuals[part] = np.linalg.solve(sums[:, :-1, :-1], sums[:, -1, :-1, None])[:, :, 0]
         return residuals
 
     def _products(self, rows: npt.NDArray[np.intp], part: slice) -> Array:
@@ -246,8 +269,8 @@ def _recur(columns: Array, scales: Array, steps: Array, z: Array) -> None:
 
 
 @compiled()
-def _eliminate(sums: Array, border: Array, residuals: Array) -> None:
-    """Residuals from each Z^T Z less the border, by its Cholesky factor and back substitution; values of c in parallel."""
+def _eliminate(sums: Array, residuals: Array) -> None:
+    """Residuals from each block of C, by its Cholesky factor and back substitution; values of c in parallel."""
     many, rows = residuals.shape
     lanes = (many + _LANES - 1) // _LANES * _LANES
     factor = np.empty((rows + 1, rows, lanes))
@@ -256,7 +279,7 @@ def _eliminate(sums: Array, border: Array, residuals: Array) -> None:
             entry = factor[i, j]
             for k in range(lanes):
                 place = min(k, many - 1)
-                entry[k] = sums[place, i, j] - (border[place] if i < rows else 0.0)
+                entry[k] = sums[place, i, j]
             for before in range(j):
                 left, right = factor[i, before], factor[j, before]
                 for k in range(lanes):

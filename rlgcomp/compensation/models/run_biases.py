@@ -7,9 +7,10 @@ A gyro switched on anew, or mounted anew, has another bias. With Z the indicator
 .. math:: C_\rho = C - C Z K Z^T C, \qquad K = \rho\, (I + \rho M)^{-1}, \qquad M = Z^T C Z .
 
 :math:`\rho = 0` is one intercept for all runs, :math:`\rho \to \infty` a free intercept for each run. With :math:`g = Z^T C y` and
-:math:`q = y^T C y` the restricted likelihood of n rows needs only numbers of the size of the runs:
+:math:`q = y^T C y` the restricted likelihood of n rows with p border columns (:mod:`rlgcomp.compensation.models.border`) needs only
+numbers of the size of the runs:
 
-.. math:: \ell(\rho) = -\tfrac12 \log\det(I + \rho M) - \tfrac{n - 1}{2} \log(q - g^T K g) .
+.. math:: \ell(\rho) = -\tfrac12 \log\det(I + \rho M) - \tfrac{n - p}{2} \log(q - g^T K g) .
 
 Reference
 ---------
@@ -42,6 +43,7 @@ def restricted_likelihood(M: Array, g: Array, q: Array, rows: int) -> Array:
     g : ndarray, shape (m, runs)
     q : ndarray, shape (m,)
     rows : int
+        Less the border's columns beside the intercept.
     """
     if M.shape[1] < 2:
         return np.zeros(len(M))

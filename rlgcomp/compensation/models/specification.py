@@ -148,6 +148,8 @@ class ModelSpecification:
         Parameters that make the estimator this model.
     batches : callable
         Number of features to batches of candidates; a batch is scored in one piece of work.
+    batches_of : callable, optional
+        The same from the model and the number of features, where the candidates depend on the model's own parameters.
     rmse : callable
         Scores a batch: the error of each candidate with groups left out, see :func:`refit_rmse`; or the two parts of that error,
         see :func:`between_and_within`.
@@ -170,9 +172,14 @@ class ModelSpecification:
     arrays: tuple[str, ...]
     check: Callable[[Any, int], None]
     defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    batches_of: Callable[[Any, int], list[list[dict[str, Any]]]] | None = None
     rmse: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_rmse
     threads: bool = False
     reach: float = 0.0
+
+    def candidates(self, model: Any, features: int) -> list[list[dict[str, Any]]]:
+        """Batches of candidates for this model of so many features."""
+        return self.batches(features) if self.batches_of is None else self.batches_of(model, features)
 
     def make(self) -> Any:
         """An unfitted estimator."""
