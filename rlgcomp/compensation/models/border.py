@@ -1,7 +1,7 @@
 r"""The border of an LS-SVM: functions that enter linearly and are not regularised, the intercept and others beside it.
 
-With :math:`f(x) = \sum_i \alpha_i K(x_i, x) + b + \beta^T p(x)` (a semi-parametric LS-SVM), F = (1, P) holds the border's columns of
-all rows, and
+With :math:`f(x) = \sum_i \alpha_i K(x_i, x) + b + \beta^T p(x)` (a semi-parametric LS-SVM), F = (1, P) holds the border's
+columns of all rows, and
 
 .. math:: \begin{pmatrix} 0 & F^T \\ F & H \end{pmatrix} \begin{pmatrix} (b, \beta) \\ \alpha \end{pmatrix} =
           \begin{pmatrix} 0 \\ y \end{pmatrix}, \qquad C = H^{-1} - H^{-1} F (F^T H^{-1} F)^{-1} F^T H^{-1} .
@@ -73,7 +73,7 @@ class Border:
         return np.asarray(values - self.basis @ (self.basis.T @ values))
 
     def project(self, gram: Array) -> tuple[float, Array]:
-        """Take the border out of a kernel matrix in place, F becoming eigenvectors of one value; that value, and F^T Omega before."""
+        """Take the border out of a kernel matrix in place: F become eigenvectors of one value. That value, and F^T Omega before."""
         level = float(np.diag(gram).mean())
         across = self.basis.T @ gram
         gram -= self.basis @ across

@@ -93,7 +93,7 @@ class KKTSystem:
         self._border, self._total = border, self._columns.basis.T @ border
 
     def solve(self, y: Array) -> tuple[Array, Array]:
-        """alpha, shape (n,), and b and the coefficients of the border's columns, shape (1 + columns,), for the output y, shape (n,)."""
+        """alpha, shape (n,), and b and the border's coefficients, shape (1 + columns,), for the output y, shape (n,)."""
         return self._inverse @ y, self._columns.back @ linalg.solve(self._total, self._border.T @ y, assume_a="sym")
 
     def inverse_diagonal(self) -> Array:

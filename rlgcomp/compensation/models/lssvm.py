@@ -17,8 +17,8 @@ group G of rows that is left out has the residuals
 
 .. math:: e_G = C_{GG}^{-1} \alpha_G, \qquad\text{one row}\qquad e_i = \alpha_i / C_{ii},
 
-from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may enter linearly instead, as further
-columns of the border (a semi-parametric LS-SVM): see :mod:`rlgcomp.compensation.models.border`. Runs have biases of their own, each
+from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may enter linearly instead, as
+further columns of the border (a semi-parametric LS-SVM): see :mod:`rlgcomp.compensation.models.border`. Runs have biases of their own, each
 a column whose coefficient is random: see :mod:`rlgcomp.compensation.models.run_biases`.
 
 References
@@ -189,7 +189,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         inputs, target = validate_data(
             self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2, multi_output=not self.robust
         )
-        self._require_linear(inputs.shape[1], target)
+        self.require_linear(inputs.shape[1], target)
         multiplicity = np.ones(len(target))
         self.runs_ = self._run_numbers(runs, target)
         if sample_weight is not None:
@@ -359,11 +359,11 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
                 f"The 'linear' parameter of LSSVMRegressor must name inputs by number, each once. Got {self.linear!r} instead."
             )
 
-    def _require_linear(self, features: int, target: Array) -> None:
+    def require_linear(self, features: int, target: Array) -> None:
         """Refuse inputs that enter linearly where there are none such, or where the system has no border for them."""
         if self.linear and (max(self.linear) >= features or target.ndim > 1 or self.device is not None):
             raise InputError(
-                f"linear names inputs {tuple(self.linear)} of {features}; they must be among them, of one output and without a device"
+                f"linear names inputs {tuple(self.linear)} of {features}; they must be among them, of one output, without a device"
             )
 
     def _smooth(self, X: Array) -> Array:
@@ -515,7 +515,7 @@ def _check(model: LSSVMRegressor, features: int) -> None:
     require_shape(model, "weights_", len(model.X_fit_))
     if model.runs_ is not None:
         require_shape(model, "runs_", len(model.X_fit_))
-    model._require_linear(features, model.alpha_)
+    model.require_linear(features, model.alpha_)
     if model.linear:
         require_shape(model, "coef_", len(model.linear))
     if model.run_variance_ < 0.0:

@@ -66,7 +66,7 @@ def leave_groups_out_path(
     table = np.empty((len(y), 0)) if columns is None else columns
     border = Border.of(table)
     residuals = np.empty((len(c), len(y)))
-    # without a fold that alone shows one of the columns, its coefficient is of least norm: these folds are solved for the other rows
+    # where a fold alone shows a column, the coefficient without it is of least norm: solved for the other rows
     apart = folds if len(folds) <= _FEW_GROUPS else [fold for fold in folds if not border.determined_without(fold)]
     for fold in apart:
         rest = np.delete(np.arange(len(y)), fold)
