@@ -18,8 +18,8 @@ group G of rows that is left out has the residuals
 .. math:: e_G = C_{GG}^{-1} \alpha_G, \qquad\text{one row}\qquad e_i = \alpha_i / C_{ii},
 
 from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may enter linearly instead, as
-further columns of the border (a semi-parametric LS-SVM): see :mod:`rlgcomp.compensation.models.border`. Runs have biases of their own, each
-a column whose coefficient is random: see :mod:`rlgcomp.compensation.models.run_biases`.
+further columns of the border (a semi-parametric LS-SVM): see :mod:`rlgcomp.compensation.models.border`. Runs have
+biases of their own, each a column whose coefficient is random: see :mod:`rlgcomp.compensation.models.run_biases`.
 
 References
 ----------
@@ -310,13 +310,13 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if solved is None:
             solved = self._with_run_biases(self._kkt_system_of(self.X_fit_)(self.c * self.weights_))
             self._solved = solved if self.device is None else None
-        if self.linear:
+        if self.linear and isinstance(solved, KKTSystem):
             return self._leave_groups_out(solved, numbers)
         if self.alpha_.ndim == 1:
             return solved.leave_groups_out(self.alpha_, numbers)
         return self._each(lambda alpha: solved.leave_groups_out(alpha, numbers))
 
-    def _leave_groups_out(self, solved: KKTSystem | DeviceKKTSystem, groups: npt.NDArray[np.intp]) -> Array:
+    def _leave_groups_out(self, solved: KKTSystem, groups: npt.NDArray[np.intp]) -> Array:
         """In closed form; folds without which a column of the border is not determined are fitted again, its coefficient least."""
         border, residuals = Border.of(self.X_fit_[:, list(self.linear)]), np.empty(len(self.alpha_))
         determined = np.array([border.determined_without(groups == label) for label in np.unique(groups)])
