@@ -32,14 +32,26 @@ def diagnosed(table: pd.DataFrame, ball: str) -> rlg.Diagnosis:
     )
 
 
-@pytest.mark.parametrize("ball", ["Whiffle Ball 1", "Tennis Ball", "Volleyball"])
-def test_a_law_of_the_velocity_is_found_for_light_balls(table: pd.DataFrame, ball: str) -> None:
-    """A drag or, with as much right, a law of the velocity with memory."""
+LIGHT = [
+    "Blue Basketball",
+    "Green Basketball",
+    "Volleyball",
+    "Tennis Ball",
+    "Whiffle Ball 1",
+    "Whiffle Ball 2",
+    "Yellow Whiffle Ball",
+    "Orange Whiffle Ball",
+]
+
+
+@pytest.mark.parametrize("ball", LIGHT)
+def test_drag_is_found_for_light_balls(table: pd.DataFrame, ball: str) -> None:
+    """Height and speed at the release of the second drop are its own; the velocity is the rate of change of the height."""
     diagnosis = diagnosed(table, ball)
-    assert {cause.name for cause in diagnosis.causes} <= set(DRAGS)
-    assert {driver for member in diagnosis.members for driver in member.drivers} == {"velocity_mps"}
-    assert diagnosis.p_value < 1e-6
-    assert diagnosis.test.augmented_rms < 0.5 * diagnosis.test.baseline_rms
+    assert {cause.name for cause in diagnosis.members} <= set(DRAGS)
+    assert diagnosis.members
+    assert diagnosis.test.augmented_rms < 0.35 * diagnosis.test.baseline_rms
+    assert any(one.code == "diagnosis.identity" for one in diagnosis.remarks)
 
 
 @pytest.mark.parametrize("ball", ["Bowling Ball", "Golf Ball"])

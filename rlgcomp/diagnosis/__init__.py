@@ -19,6 +19,7 @@ Rooms, each importing only from those before it:
     nuisances   steps of the bias, biases of runs, late thermometers, stated numbers that are wrong
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
+    identities  columns that are readings of the output, and so no cause
     evidence    the evidence of a set of forms in closed form
     screen      the evidence of many forms at once
     members     a member of a set: chosen, polished, grown

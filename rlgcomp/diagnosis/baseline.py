@@ -33,11 +33,14 @@ class Baseline:
         By mechanism, at which derivatives by free shapes are taken.
     own : mapping of str to Basis
         Columns of mechanisms that are not computed by themselves.
+    runs : tuple of str
+        The training runs: mechanisms with amplitudes by run have columns in each of them.
     """
 
     simulator: Simulator
     amplitudes: Mapping[str, Array] = dataclasses.field(default_factory=dict)
     own: Mapping[str, Basis] = dataclasses.field(default_factory=dict)
+    runs: tuple[str, ...] = ()
 
     def free(self, mechanism: Mechanism, role: str) -> tuple[Parameter, ...]:
         """Parameters in use of a role that are to be calibrated."""
@@ -54,10 +57,19 @@ class Baseline:
         """Mechanism, parameter and unit of each column that :meth:`columns` gives; a constant where no mechanism has one."""
         found = [] if self._has_constant() else [("", CONSTANT, "deg/h")]
         for mechanism in self.simulator.mechanisms:
-            found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "amplitude")]
+            runs = self.runs_of(mechanism)
+            found += [
+                (mechanism.name, p.name if len(runs) == 1 else amplitude_of_run(p.name, run), p.unit)
+                for run in runs
+                for p in self.free(mechanism, "amplitude")
+            ]
             if mechanism.name in self.amplitudes:
                 found += [(mechanism.name, p.name, p.unit) for p in self.free(mechanism, "shape")]
         return tuple(found)
+
+    def runs_of(self, mechanism: Mechanism) -> tuple[str, ...]:
+        """Runs in which a mechanism has columns of its own: the training runs where its amplitudes are by run; else one entry."""
+        return self.runs if mechanism.each_run and self.runs else ("",)
 
     def _has_constant(self) -> bool:
         """Whether a mechanism has the constant bias among its free amplitudes."""
@@ -74,16 +86,45 @@ class Baseline:
         return np.asarray(total)
 
     def columns(self, run: Run) -> Array:
-        """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes."""
+        """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes.
+
+        A mechanism with amplitudes by run has none in a run that was not trained on.
+        """
         found = [np.empty((run.bins, 0)) if self._has_constant() else np.ones((run.bins, 1))]
         for mechanism in self.simulator.mechanisms:
-            table = self._table(mechanism, run)
-            used = [p.name for p in mechanism.amplitude_parameters()]
-            found.append(table[:, [used.index(p.name) for p in self.free(mechanism, "amplitude")]])
+            table, shares = self._table(mechanism, run), self._shares(mechanism, run)
+            free = self._of_amplitudes(mechanism, table)
+            found += [share * free for share in shares]
             for shape in self.free(mechanism, "shape") if mechanism.name in self.amplitudes else ():
                 change = Own(_moved(mechanism, shape, 1.0 + _STEP)).columns(run) - table
-                found.append((change @ self.amplitudes[mechanism.name])[:, None] / _STEP)
+                found.append((change @ (shares @ self.amplitudes[mechanism.name]))[:, None] / _STEP)
         return np.hstack(found)
+
+    def repeating(self, numbers: Array) -> Array:
+        """Numbers of :meth:`columns` with amplitudes by run at zero, shape (p,)."""
+        by_run = {mechanism.name for mechanism in self.simulator.mechanisms if mechanism.each_run}
+        return np.where([name in by_run for name, _, _ in self.names()], 0.0, numbers)
+
+    @property
+    def by_run(self) -> tuple[str, ...]:
+        """Mechanisms with amplitudes by run."""
+        return tuple(one.name for one in self.simulator.mechanisms if one.each_run and one.amplitude_parameters())
+
+    def own_columns(self, run: Run) -> Array:
+        """Columns of amplitudes that a run has of its own and that no other run tells, shape (bins, k); none of a training run."""
+        if run.name in self.runs:
+            return np.empty((run.bins, 0))
+        by_run = [mechanism for mechanism in self.simulator.mechanisms if mechanism.each_run]
+        return np.hstack([np.empty((run.bins, 0)), *(self._of_amplitudes(one, self._table(one, run)) for one in by_run)])
+
+    def _of_amplitudes(self, mechanism: Mechanism, table: Array) -> Array:
+        used = [p.name for p in mechanism.amplitude_parameters()]
+        return table[:, [used.index(p.name) for p in self.free(mechanism, "amplitude")]]
+
+    def _shares(self, mechanism: Mechanism, run: Run) -> Array:
+        """Of the amplitudes of each of a mechanism's runs in a run, shape (runs,)."""
+        runs = self.runs_of(mechanism)
+        return np.array([name in ("", run.name) for name in runs], dtype=np.float64)
 
     def _table(self, mechanism: Mechanism, run: Run) -> Array:
         basis = self.own.get(mechanism.name)
@@ -94,17 +135,20 @@ class Baseline:
         return independent(data.means(self.columns))
 
     def linearised(self, data: Data) -> Self:
-        """The same with amplitudes by least squares, at which derivatives by shapes are taken."""
-        weights = np.linalg.lstsq(data.means(self.columns), data.output, rcond=1e-12)[0]
+        """The same with amplitudes by least squares, at which derivatives by shapes are taken, shape (runs, k) each."""
+        plain = dataclasses.replace(self, amplitudes={}, runs=tuple(run.name for run in data.runs))
+        weights = np.linalg.lstsq(data.means(plain.columns), data.output, rcond=1e-12)[0]
         amplitudes, at = {}, 0 if self._has_constant() else 1
         for mechanism in self.simulator.mechanisms:
             names = {p.name for p in self.free(mechanism, "amplitude")}
-            values = [float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]
-            for k, parameter in enumerate(mechanism.amplitude_parameters()):
-                if parameter.name in names:
-                    values[k], at = float(weights[at]), at + 1
-            amplitudes[mechanism.name] = np.array(values)
-        return dataclasses.replace(self, amplitudes=amplitudes)
+            values = np.array([[float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]])
+            values = np.repeat(values, len(plain.runs_of(mechanism)), axis=0)
+            places = [k for k, p in enumerate(mechanism.amplitude_parameters()) if p.name in names]
+            count = len(places) * len(values)
+            values[:, places] = weights[at : at + count].reshape(len(values), -1)
+            at += count
+            amplitudes[mechanism.name] = values
+        return dataclasses.replace(plain, amplitudes=amplitudes)
 
     @classmethod
     def calibrated(cls, simulator: Simulator, data: Data) -> Self:
@@ -115,6 +159,7 @@ class Baseline:
         simulator : Simulator
         data : Data
         """
+        names_of_runs = tuple(run.name for run in data.runs)
         for mechanism in simulator.mechanisms:
             own = cls(simulator)
             shapes = own.free(mechanism, "shape")
@@ -122,7 +167,7 @@ class Baseline:
                 continue
 
             def misfit(candidate: Mechanism, others: Simulator = simulator) -> float:
-                tried = cls(others.with_mechanism(candidate))
+                tried = cls(others.with_mechanism(candidate), runs=names_of_runs)
                 table = data.means(tried.columns)
                 table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
                 left = data.output - table @ np.linalg.lstsq(table, data.output, rcond=1e-10)[0]
@@ -140,6 +185,11 @@ class Baseline:
                 best = nearer
             simulator = simulator.with_mechanism(best)
         return cls(simulator).linearised(data)
+
+
+def amplitude_of_run(name: str, run: str) -> str:
+    """What an amplitude of one run is called."""
+    return f"{name} of {run}"
 
 
 def independent(table: Array) -> Array:

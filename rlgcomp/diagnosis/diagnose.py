@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.design import likely, next_experiment
 from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.evidence import Bank
 from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.identities import Identity, identities, without_identities
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nuisances import nuisances
 from rlgcomp.diagnosis.posterior import Posterior
@@ -171,6 +172,10 @@ class _Engine:
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
         return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other, self.noise)
 
+    def identities(self, data: Data) -> tuple[Identity, ...]:
+        """Columns of which the recorded output is the rate of change or the integral."""
+        return () if self.turns else identities(data, self.recorded, self.request.unit)
+
     def question(self, recordings: Sequence[Recording]) -> tuple[Bank, list[Region], Baseline]:
         """The data, the regions that are weighed, and the simulator with its free shapes calibrated."""
         data, simulator = self.data(recordings), self.runs.base
@@ -184,15 +189,16 @@ class _Engine:
             present = [mechanism.name for mechanism in simulator.mechanisms]
             baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
             regions = list(named(setting, self.candidates, present))
-            regions += laws(setting, regions)
+            regions += without_identities([*laws(setting, regions)], self.identities(data))
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         return bank, [*regions, *nuisances(data, baseline)], baseline
 
     def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
-        """The posterior of all sets, the simulator with its free shapes calibrated, and a message on candidates it absorbs."""
+        """The posterior of all sets, the simulator with its free shapes calibrated, and messages beside it."""
         bank, regions, baseline = self.question(recordings)
         absorbed = [region.mechanism for region in regions if region.mechanism and _absorbed(region, bank)]
         messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
+        messages += [one.message() for one in self.identities(bank.data)]
         return Posterior.of(bank, regions), baseline, messages
 
     def fitted(self, chosen: tuple[Posterior, Baseline, list[Message]]) -> Diagnosis:

@@ -204,8 +204,16 @@ class Fit:
         return np.asarray(total)
 
     def residual(self, run: Run) -> Array:
-        """What a run's window means hold beyond the fit; a two-state path is not predicted."""
-        return np.asarray(run.output[: len(run.windows)] - run.window_means(self.predicted(run)))
+        """What a run's window means hold beyond the fit; a two-state path is not predicted.
+
+        Amplitudes that a run has of its own are fitted to that run: no other run tells them.
+        """
+        left = np.asarray(run.output[: len(run.windows)] - run.window_means(self.predicted(run)))
+        own = run.window_means(self.baseline.own_columns(run))
+        if own.shape[1] == 0:
+            return left
+        size = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        return np.asarray(left - own / size @ np.linalg.lstsq(own / size, left, rcond=1e-9)[0])
 
     def rate_deg_h(self, recording: Recording, grid: Grid) -> Array:
         """The output predicted at each sample of a recording, in deg/h, shape (n,)."""

@@ -153,9 +153,9 @@ def _baseline(record: Record) -> Iterator[Message]:
             yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd)
     simulator = record.after.baseline.simulator
     for mechanism in simulator.mechanisms:
-        free = simulator.free.get(mechanism.name, frozenset())
+        stated_names = {p.name for p in mechanism.parameters()} - simulator.free.get(mechanism.name, frozenset())
         for name, one in found.get(mechanism.name, {}).items():
-            if name not in free:
+            if name in stated_names:
                 stated = getattr(mechanism, name)
                 yield message(
                     "diagnosis.wrong_number",

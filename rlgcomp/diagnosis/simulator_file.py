@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.baseline import CONSTANT
+from rlgcomp.diagnosis.baseline import CONSTANT, amplitude_of_run
 from rlgcomp.diagnosis.bases import Basis, Glitch, Own, Product, Shift
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
@@ -69,7 +69,7 @@ def simulator_of(fit: Fit, catalogue: Mapping[str, type[Mechanism]]) -> Simulato
     """
     written = _Written(fit, catalogue)
     constant, mechanisms = written.baseline()
-    left_out, repeating = [], np.zeros(len(fit.data))
+    left_out, repeating = list(fit.baseline.by_run), np.zeros(len(fit.data))
     for k, (member, bases) in enumerate(fit.parts):
         if any(isinstance(basis, Own) and basis.column is not None for basis, _ in bases):
             repeating += fit.data.means(functools.partial(fit.term, k))
@@ -81,7 +81,7 @@ def simulator_of(fit: Fit, catalogue: Mapping[str, type[Mechanism]]) -> Simulato
             left_out.append(member.form.region)
         repeating += written.repeating(k)
     simulator = written.with_constant(mechanisms, constant)
-    fitted = fit.data.means(fit.baseline.columns) @ fit.solution.numbers + repeating
+    fitted = fit.data.means(fit.baseline.columns) @ fit.baseline.repeating(fit.solution.numbers) + repeating
     own = [
         run.means(run.on_bins_of_rows(simulator.predict(run.recording).rate_deg_h()) - run.on_bins(written.stated(run)))
         for run in fit.data.runs
@@ -128,8 +128,7 @@ class _Written:
         found: list[Mechanism] = []
         constant = 0.0
         for mechanism in fit.baseline.simulator.mechanisms:
-            estimates = fit.numbers.get(mechanism.name, {})
-            fitted = _with(mechanism, {name: one.value for name, one in estimates.items()})
+            fitted = _with(mechanism, self._values(mechanism))
             own = fit.baseline.own.get(mechanism.name)
             if own is not None and fitted.amplitude_parameters():
                 weights = np.array([getattr(fitted, p.name) for p in fitted.amplitude_parameters()]) / own.per_unit()
@@ -143,6 +142,16 @@ class _Written:
                 constant += float(np.mean(column - other))
             found.append(fitted)
         return constant + float(fit.numbers.get("", {}).get(CONSTANT, _ZERO).value), found
+
+    def _values(self, mechanism: Mechanism) -> dict[str, float]:
+        """Fitted numbers of a mechanism of the baseline; of an amplitude by run their root mean square."""
+        estimates = {name: one.value for name, one in self.fit.numbers.get(mechanism.name, {}).items()}
+        runs = [run.name for run in self.fit.data.runs]
+        for parameter in mechanism.amplitude_parameters():
+            of_runs = [estimates[name] for run in runs if (name := amplitude_of_run(parameter.name, run)) in estimates]
+            if of_runs:
+                estimates[parameter.name] = float(np.copysign(np.sqrt(np.mean(np.square(of_runs))), np.mean(of_runs)))
+        return estimates
 
     def with_constant(self, mechanisms: list[Mechanism], constant: float) -> Simulator:
         """The simulator with a constant bias in the mechanism that has one, or as a law by itself."""

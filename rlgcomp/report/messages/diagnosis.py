@@ -250,6 +250,12 @@ def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int
     return f"{run}: {listing(parts)} are left out."
 
 
+def _identity(column: str, output_is: str) -> str:
+    what = "its rate of change" if output_is == "rate" else "its integral over time"
+    laws = "laws of its memory" if output_is == "rate" else "laws of it"
+    return f"{column} is another reading of the output, which is {what}: {laws} without a name were left out."
+
+
 def _simulation_scaled(ratio: float, correlation: float, wrong_sign: bool, wrong_unit: bool) -> str:
     doubt = "is its sign right?" if wrong_sign else "is its unit right (gyro_deg_h holds deg/h)?"
     if wrong_sign and wrong_unit:
@@ -306,6 +312,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.confirmed": _confirmed,
     "diagnosis.run_lacks_column": _run_lacks_column,
     "diagnosis.absorbed": _absorbed,
+    "diagnosis.identity": _identity,
     "diagnosis.simulation_scaled": _simulation_scaled,
     "diagnosis.no_clock": _no_clock,
     "diagnosis.clock": _clock,

@@ -1,0 +1,77 @@
+"""Recordings of others that are of no gyro: a pendulum, and what is said of columns that are readings of the output."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+
+REAL = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
+
+
+def recording(table: pd.DataFrame, name: str) -> rlg.Recording:
+    """A table of other quantities: a recording has a gyro."""
+    return rlg.Recording(table.assign(gyro_deg_h=0.0).reset_index(drop=True), name=name)
+
+
+@pytest.fixture(scope="module")
+def swings() -> list[rlg.Recording]:
+    folder = REAL / "pendulum"
+    if not folder.exists():
+        pytest.skip(f"no recordings of a pendulum in {folder}")
+    tables = {name: pd.read_csv(folder / f"{name}.csv") for name in ("train1", "train2", "test")}
+    return [recording(table.rename(columns={"gyro_deg_h": "acceleration_rad_s2"}), name) for name, table in tables.items()]
+
+
+@pytest.fixture(scope="module")
+def pendulum(swings: list[rlg.Recording]) -> Diagnosis:
+    def small_angles(run: rlg.Recording) -> np.ndarray:
+        return np.asarray(-1.2622 * run.column("angle_rad"))
+
+    return diagnose(small_angles, swings[:2], swings[2:], output="acceleration_rad_s2", black_box=False)
+
+
+def test_a_pendulum_lacks_a_law_of_the_angle(pendulum: Diagnosis) -> None:
+    law = pendulum.members[0]
+    assert law.drivers == ("angle_rad",)
+    assert law.memory == "static"
+    assert pendulum.test is not None
+    assert pendulum.test.improvement > 0.75
+
+
+def test_its_rate_is_told_as_a_reading_of_the_output(pendulum: Diagnosis) -> None:
+    (told,) = (one for one in pendulum.remarks if one.code == "diagnosis.identity")
+    assert told.data == {"column": "rate_rad_s", "output_is": "rate"}
+    assert not any("rate_rad_s" in law.drivers and law.memory != "static" for law in pendulum.members)
+
+
+@pytest.mark.parametrize(
+    ("column", "of_output", "expected"),
+    [
+        ("angular_acceleration", lambda t, y: np.gradient(y, t), [("angular_acceleration", "integral")]),
+        ("angle_arcsec", lambda t, y: 3600.0 * np.cumsum(y) * (t[1] - t[0]), [("angle_arcsec", "rate")]),
+        ("temperature_case_degC", lambda t, y: np.cumsum(y) * (t[1] - t[0]), []),  # of another unit: a cause
+        ("sum_counts", lambda t, y: np.cumsum(y) * (t[1] - t[0]), [("sum_counts", "rate")]),
+        ("other_V", lambda t, y: 3.0 * np.cumsum(y) * (t[1] - t[0]), []),  # a law of its rate of change
+    ],
+)
+def test_a_reading_of_the_output_is_known_by_its_factor(
+    column: str, of_output: Callable[[np.ndarray, np.ndarray], np.ndarray], expected: list[tuple[str, str]]
+) -> None:
+    rng = np.random.default_rng(1)
+    runs = []
+    for k in range(2):
+        time_s = 0.1 * np.arange(4000)
+        turn = np.sin(time_s / 7.0 + k) + 0.5 * np.sin(time_s / 3.0) + 1e-3 * rng.standard_normal(len(time_s))
+        smooth = np.convolve(turn, np.ones(25) / 25, "same")
+        table = pd.DataFrame({"time_s": time_s, "turn_deg_s": smooth, column: of_output(time_s, smooth)})
+        runs.append(recording(table.iloc[30:-30], f"run{k}"))
+    found = diagnose(lambda run: np.zeros(len(run)), runs, output="turn_deg_s", black_box=False, only=["warm_up"])
+    told = [(one.data["column"], one.data["output_is"]) for one in found.remarks if one.code == "diagnosis.identity"]
+    assert told == expected
