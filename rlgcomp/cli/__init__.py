@@ -10,6 +10,7 @@ from rlgcomp.cli.ending import prepare_streams
 
 COMMANDS = (
     "demo",
+    "example",
     "recordings",
     "allan",
     "arw",
