@@ -705,3 +705,103 @@ def test_one_wild_time_stamp_refuses_no_more_than_a_few_samples(
         ["gcc", "-std=c99", str(tmp_path / f"{stem}.c"), str(tmp_path / "main.c"), "-o", str(tmp_path / "main"), "-lm"], check=True
     )
     assert subprocess.run([str(tmp_path / "main")], capture_output=True, text=True, check=True).stdout == refused
+
+
+# --- the offset of a run, zeroed at its start ---------------------------------------------------------------------------------
+
+
+def _shifted(run: rlg.Recording, offset_deg_h: float, gyro: str = "gyro_deg_h") -> rlg.Recording:
+    rate, pulse_arcsec = run.rate_deg_h() + offset_deg_h, 1e-3
+    values = {"gyro_deg_h": rate, "gyro_deg_s": rate / 3600.0, "gyro_pulses": np.round(rate * run.period_s / pulse_arcsec)}[gyro]
+    metadata = rlg.Metadata(kind="chamber", pulse_arcsec=pulse_arcsec if gyro == "gyro_pulses" else None)
+    return rlg.Recording(run.table.drop(columns="gyro_deg_h").assign(**{gyro: values}), metadata, name=run.name)
+
+
+@needs_gcc
+@pytest.mark.parametrize("gyro", ["gyro_deg_h", "gyro_deg_s", "gyro_pulses"])
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_offset_zeroed_at_the_start_agrees_with_python(
+    short_runs: list[rlg.Recording], tmp_path: Path, precision: str, gyro: str
+) -> None:
+    train = [_shifted(run, offset, gyro) for run, offset in zip(short_runs[:2], (0.05, -0.04), strict=True)]
+    test = _shifted(short_runs[2], 0.3, gyro)
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature,temperature_rate,readout_difference").fit(train)
+    model.save(tmp_path / "model")
+    result = export(tmp_path / "model", tmp_path / "c", "c", Options(precision, runs=[test], board=False, offset_s=1200.0))
+    compared = [check for check in result.checks if check.stream == test.name]
+    assert compared
+    assert all(check.wrong == 0 for check in result.checks)
+    if precision == "double":
+        assert max(check.largest_deg_h for check in compared) <= 1e-12 * max(1.0, span_deg_h(model))
+    expected = model.predict(test, offset_s=1200.0)
+    stream = stream_of(test, model, expansion_of(model), full=True, offset_s=1200.0)
+    assert stream.bias_deg_h == pytest.approx(expected["bias_deg_h"].to_numpy(), abs=1e-12)
+    assert stream.half_width_deg_h == pytest.approx(expected["half_width_deg_h"].to_numpy(), rel=1e-12)
+
+
+@needs_gcc
+def test_state_with_an_offset_has_the_bytes_that_are_stated(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:2])
+    model.save(tmp_path / "model")
+    result = export(tmp_path / "model", tmp_path / "c", "c", Options(board=False, offset_s=600.0))
+    tools.build(GCC, [tmp_path / "c" / "model.c", tmp_path / "c" / "model_selftest.c"], tmp_path)
+    printed = subprocess.run([tmp_path / "selftest"], capture_output=True, text=True, check=True).stdout
+    assert f"state {result.to_mapping()['state_bytes']} bytes: PASS" in printed
+    plain = export(tmp_path / "model", tmp_path / "plain", "c", Options(board=False))
+    assert "step_zeroed" not in (tmp_path / "plain" / "model.c").read_text(encoding="ascii")
+    assert result.to_mapping()["state_bytes"] - plain.to_mapping()["state_bytes"] == 24
+
+
+CLOCK = """
+#include <stdio.h>
+#include "model.h"
+int main(void)
+{
+    model_state state;
+    model_result result;
+    model_real monitors[MODEL_MONITORS] = { 20 };
+    int k;
+
+    model_init(&state);
+    for (k = 0; k < 40; ++k) {
+        /* a clock set back by 5000 s within the start, which lasts 100 s: the offset goes on for as many samples as without */
+        (void)model_step_zeroed(&state, k < 4 ? 10.0 * k : 10.0 * k - 5000.0, monitors, k < 12 ? 1.0 : 9.0, &result);
+        printf("%d %.17g\\n", result.status, (double)result.bias_deg_h);
+    }
+    return 0;
+}
+"""
+
+
+@needs_gcc
+def test_a_clock_set_back_does_not_lengthen_the_start(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:2])
+    model.save(tmp_path / "model")
+    export(tmp_path / "model", tmp_path / "c", "c", Options(board=False, offset_s=100.0))
+    (tmp_path / "c" / "clock.c").write_text(CLOCK, encoding="ascii")
+    sources = [str(tmp_path / "c" / name) for name in ("model.c", "clock.c")]
+    subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", *sources, "-o", str(tmp_path / "clock")], check=True)
+    lines = subprocess.run([tmp_path / "clock"], capture_output=True, text=True, check=True).stdout.splitlines()
+    status, bias = np.array([line.split() for line in lines], dtype=float).T
+    assert status[4:7].tolist() == [INVALID] * 3  # until the fourth that follows
+    assert bias[10] == pytest.approx(1.0)  # the gyro, as long as it is averaged
+    assert np.ptp(bias[16:]) == 0.0  # over
+    assert bias[-1] < 5.0
+
+
+def test_an_offset_is_for_c_alone(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:2]).save(tmp_path / "model")
+    arguments = [
+        "export",
+        str(tmp_path / "model"),
+        "--to",
+        "onnx",
+        "--offset",
+        "zero-at-start",
+        "600",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert "--offset is for --to c" in result.output

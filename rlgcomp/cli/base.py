@@ -54,6 +54,14 @@ MechanismFiles = Annotated[
 OnlyOwn = Annotated[
     bool, typer.Option("--only-mechanisms", help="Try those of --mechanisms alone, none of the catalogue: for what is no gyro.")
 ]
+Offset = Annotated[
+    tuple[str, float] | None,
+    typer.Option(
+        "--offset",
+        metavar="zero-at-start S",
+        help="Take the offset of this run, new at each switch-on, from the gyro's first S seconds, at rest and without Earth rate.",
+    ),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file even if rlgcomp did not write it.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
@@ -93,6 +101,24 @@ def command(name: str, *, several: Sequence[str] = ()) -> Callable[[Callable[...
         return run
 
     return register
+
+
+def offset_seconds(offset: tuple[str, float] | None) -> float | None:
+    """The seconds at the start of a run over which its offset is taken; None without the option.
+
+    Raises
+    ------
+    InputError
+        The name is unknown, or the time is not positive.
+    """
+    from rlgcomp.compensation.start_offset import ZERO_AT_START, StartOffset
+
+    if offset is None:
+        return None
+    name, duration_s = offset
+    if name != ZERO_AT_START:
+        raise InputError(f"--offset {name!r} is unknown; give --offset {ZERO_AT_START} and a number of seconds")
+    return StartOffset(duration_s).duration_s
 
 
 def read_runs(

@@ -17,6 +17,7 @@ from rlgcomp.cli.base import (
     Gyro,
     Jobs,
     Map,
+    Offset,
     Overwrite,
     PeriodS,
     PulseArcsec,
@@ -25,6 +26,7 @@ from rlgcomp.cli.base import (
     command,
     compared,
     interval_of,
+    offset_seconds,
     place_with,
     progress,
     read_runs,
@@ -42,14 +44,6 @@ if TYPE_CHECKING:
 
 MANY_ROWS: Final = 5000  # that a processor fits in minutes, not seconds
 EVALUATION: Final = ("evaluation.json", "report.html")  # what `evaluate` writes
-Offset = Annotated[
-    tuple[str, float] | None,
-    typer.Option(
-        "--offset",
-        metavar="zero-at-start S",
-        help="Take the offset of this run, new at each switch-on, from the gyro's first S seconds, at rest and without Earth rate.",
-    ),
-]
 Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
 
 
@@ -184,19 +178,6 @@ def train(
         notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
 
 
-def _offset_s(offset: tuple[str, float] | None) -> float | None:
-    """The seconds at the start of a run over which its offset is taken; None without the option."""
-    from rlgcomp.compensation.start_offset import ZERO_AT_START, StartOffset
-    from rlgcomp.errors import InputError
-
-    if offset is None:
-        return None
-    name, duration_s = offset
-    if name != ZERO_AT_START:
-        raise InputError(f"--offset {name!r} is unknown; give --offset {ZERO_AT_START} and a number of seconds")
-    return StartOffset(duration_s).duration_s
-
-
 def _saved(compensator: Compensator, out: Path, export: Path | None, recordings: list[Recording]) -> Exported | None:
     """Write the model and its code; where the code lies in the model's folder or beside it, both take their places together."""
     if export is None:
@@ -304,7 +285,7 @@ def evaluate(
     from rlgcomp.evaluation.page import write_report
     from rlgcomp.files import from_json, read_text, whole_folder
 
-    offset_s = _offset_s(offset)
+    offset_s = offset_seconds(offset)
     require_folder(out, EVALUATION, model, runs, calibration)
     compensator = load(model)
     recordings = read_runs(runs, mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
@@ -354,7 +335,7 @@ def compensate(
     from rlgcomp.compensation.compensator import load
     from rlgcomp.recording.formats import write
 
-    offset_s = _offset_s(offset)
+    offset_s = offset_seconds(offset)
     if follow:
         from rlgcomp.calibration.file import Calibration
         from rlgcomp.compensation.streaming import compensate_stream

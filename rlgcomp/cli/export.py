@@ -7,7 +7,19 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, CalibrationFile, Drop, Map, PeriodS, PulseArcsec, command, read_runs, require_folder
+from rlgcomp.cli.base import (
+    AsJson,
+    CalibrationFile,
+    Drop,
+    Map,
+    Offset,
+    PeriodS,
+    PulseArcsec,
+    command,
+    offset_seconds,
+    read_runs,
+    require_folder,
+)
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table
 
@@ -33,6 +45,7 @@ def export(
     instance: Annotated[
         int, typer.Option("--instance", min=0, max=3, help="Of px4 and ardupilot: which IMU of the autopilot, from 0.")
     ] = 0,
+    offset: Offset = None,
     name: Annotated[str | None, typer.Option(help="What files and identifiers begin with; by default the model's name.")] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -44,12 +57,17 @@ def export(
     """Code for the box, compiled and compared with Python sample by sample where a compiler is found.
 
     Example: `rlgcomp export models/unit-17 --to c --precision float --smallest --test new.parquet --out unit-17-c`
+
+    Example: `rlgcomp export models/unit-17 --to c --offset zero-at-start 600 --out unit-17-c`
     """
     from rlgcomp.compensation.compensator import load
     from rlgcomp.errors import InputError
     from rlgcomp.export.target import Options, written
     from rlgcomp.export.target import export as export_model
 
+    offset_s = offset_seconds(offset)
+    if offset_s is not None and to != "c":
+        raise InputError(f"--offset is for --to c, not for {to}: that has no state to hold it; leave it out")
     if to in ("px4", "ardupilot"):
         _autopilot(models, out, to, instance, as_json)
         return
@@ -59,7 +77,7 @@ def export(
     require_folder(out, written(model, to, name), model, test, calibration)
     gyro = load(model).gyro if test and calibration is not None else None
     runs = read_runs(test or [], mapping, drop, pulse_arcsec, calibration, gyro=gyro, period_s=period_s)
-    options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name, not no_board)  # type: ignore[arg-type]
+    options = Options(precision, not no_libm, max_bytes, max_centres, smallest, runs, name, not no_board, offset_s)  # type: ignore[arg-type]
     exported = export_model(model, out, to, options)
     if as_json:
         show_json(exported.to_mapping())

@@ -75,9 +75,13 @@ def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, pr
     spans = np.where(expansion.high > expansion.low, expansion.high - expansion.low, 1.0)
     limits = np.maximum(np.abs(expansion.low), np.abs(expansion.high))
     beyond = compensator.interval_.per_span_deg_h * ((entering + limits) @ (1.0 / spans))
+    allowed_deg_h = _allowed_deg_h(stream, compensator, expansion, precision, entering)
+    if stream.rate_deg_h is not None:  # the offset is a mean of rates less biases, which are off by as much themselves
+        rates = np.abs(stream.rate_deg_h[np.isfinite(stream.rate_deg_h)]).max(initial=0.0)
+        allowed_deg_h = allowed_deg_h + allowed_deg_h.max() + 8.0 * _EPSILON * rates + 2.0 * unit * np.abs(stream.bias_deg_h).max()
     return Bounds(
-        _allowed_deg_h(stream, compensator, expansion, precision, entering),
-        unit * (beyond + (8.0 + expansion.features) * stream.half_width_deg_h),
+        allowed_deg_h,
+        unit * (beyond + (8.0 + expansion.features) * (stream.half_width_deg_h + compensator.interval_.inside_deg_h)),
         _status_within_rounding(stream, expansion, 4.0 * unit * (entering + limits)),
     )
 

@@ -175,10 +175,11 @@ def export(model: Path, out: Path, options: Options) -> CExport:
     whole = expansion_of(compensator)
     expansion, curve = sized(compensator, whole, options)
     expansion.require_computable()
-    design = Design(options.name or name_from(model), compensator, expansion, options.precision, options.libm, identity(model))
+    name, offset_s = options.name or name_from(model), options.offset_s
+    design = Design(name, compensator, expansion, options.precision, options.libm, identity(model), offset_s)
     full = expansion is whole
-    golden, quiet_rows = golden_stream(compensator, expansion, full=full)
-    streams = [golden, *(stream_of(run, compensator, expansion, full=full) for run in options.runs)]
+    golden, quiet_rows = golden_stream(compensator, expansion, full=full, offset_s=offset_s)
+    streams = [golden, *(stream_of(run, compensator, expansion, full=full, offset_s=offset_s) for run in options.runs)]
     bounds = [bounds_of(stream, compensator, expansion, options.precision) for stream in streams]
     files = render(design, golden, bounds[0], quiet_rows)
     with whole_folder(out, writes=all_written(model, "c", options.name)) as folder:
@@ -197,6 +198,7 @@ def export(model: Path, out: Path, options: Options) -> CExport:
             "sha256": design.sha256,
             "precision": options.precision,
             "libm": options.libm,
+            "offset_s": offset_s,
             "files": sorted([*files, "report.md", REPORT]),
             "form": expansion.form,
             "kind": KINDS[expansion.form],

@@ -77,6 +77,8 @@ class Design:
     libm : bool
     sha256 : str
         Of the artefact.
+    offset_s : float, optional
+        Also a step that zeroes the offset of a recording over so many seconds at its start.
     """
 
     name: str
@@ -85,6 +87,7 @@ class Design:
     precision: Precision
     libm: bool
     sha256: str
+    offset_s: float | None = None
 
     def __post_init__(self) -> None:
         if not _NAME.match(self.name):
@@ -127,7 +130,8 @@ def state_bytes(design: Design) -> int:
     The time of the last sample, two answers and the memory; the time of a sample that was refused, aligned, and two integers.
     """
     numbers = 2 + feature_code(design.compensator.pipeline_, "", design.precision, str).slots
-    return -(-(8 + BYTES[design.precision] * numbers) // 8) * 8 + 8 + 2 * 4
+    offset = 0 if design.offset_s is None else 2 * 8 + 2 * 4
+    return -(-(8 + BYTES[design.precision] * numbers) // 8) * 8 + offset + 8 + 2 * 4
 
 
 def operations(design: Design) -> dict[str, int]:
@@ -139,8 +143,9 @@ def operations(design: Design) -> dict[str, int]:
     a_centre += e.kernel_degree if e.form == "power" else 0
     whole = d * (d + 1) // 2 + 2 * d + 16 if e.form == "wide" else e.powers.size
     return {
-        "multiply_adds": 2 * d + code.filters * 3 + code.plays + whole + padded * a_centre + 1,
-        "divisions": code.filters
+        "multiply_adds": 2 * d + code.filters * 3 + code.plays + whole + padded * a_centre + 1 + 6 * (design.offset_s is not None),
+        "divisions": (design.offset_s is not None)
+        + code.filters
         + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.pipeline_.features),
         "exponentials": padded * (e.form in ("gaussian", "matern", "sigmoid") or (e.form == "wide" and e.largest_argument > 1.0)),
         "square_roots": padded * (e.form == "matern"),
@@ -181,13 +186,13 @@ def render(design: Design, golden: Stream, bounds: Bounds, quiet_rows: int) -> d
     )
     number = _number(design.precision)
     environment.filters["number"] = number
+    environment.filters["double"] = _number("double")
     values = _values(design, number) | {
         "golden": [
             [_exact(value) for value in row]
             for row in np.column_stack(
                 [
-                    golden.time_s,
-                    golden.monitors,
+                    golden.samples,
                     golden.bias_deg_h,
                     golden.half_width_deg_h,
                     bounds.bias_deg_h,
@@ -243,6 +248,10 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "weight_blocks": weights.reshape(blocks, lanes),
         "triangle": upper[np.triu_indices(e.features)],
         "interval": compensator.interval_,
+        "offset_s": design.offset_s,
+        "narrower_deg_h": 0.0
+        if design.offset_s is None
+        else compensator.offset_interval(design.offset_s).inside_deg_h - compensator.interval_.inside_deg_h,
         "coverage": f"{100.0 * compensator.interval_.coverage:g} %",
         "spans": np.where(e.high > e.low, e.high - e.low, 1.0),
         "version": rlgcomp.__version__,
@@ -299,10 +308,12 @@ def _horner(series: Sequence[float], name: str, number: Callable[[float], str]) 
 
 def _gyro(name: str, column: str) -> dict[str, Any]:
     """Declaration of the function that corrects a gyro's output, and its rate in deg/h before."""
-    pulses = column.endswith("_pulses")
+    pulses, rate = column.endswith("_pulses"), "sample[BIAS - 1]"
     arguments = "double gyro, double pulse_arcsec, double period_s" if pulses else "double gyro"
     return {
         "pulses": pulses,
+        "gyro_arguments": arguments,
+        "gyro_of_rate": f"{rate}, 1.0, 1.0" if pulses else f"{rate} / 3600.0" if column.endswith("_deg_s") else rate,
         "gyro_unit": column_unit(column),
         "correct": f"double {name}_correct_deg_h({arguments}, const {name}_result *result)",
         # arcseconds a second are degrees an hour

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.features import Difference, Level, ReadoutDifference
+from rlgcomp.compensation.start_offset import StartOffset
 from rlgcomp.errors import InputError
 from rlgcomp.export.expansion import Expansion
 from rlgcomp.recording import TIME, Recording
@@ -36,6 +37,8 @@ class Stream:
     bias_deg_h, half_width_deg_h : ndarray, shape (n,)
     status : ndarray, shape (n,)
         `OK`, `OUT_OF_RANGE`, `INVALID`, or `EITHER` of the first two where an input is too near the limit to decide.
+    rate_deg_h : ndarray, shape (n,), optional
+        The gyro, where its offset is zeroed at the start; bias and half width then have that offset.
     """
 
     name: str
@@ -45,13 +48,21 @@ class Stream:
     bias_deg_h: Array
     half_width_deg_h: Array
     status: npt.NDArray[np.int64]
+    rate_deg_h: Array | None = None
+
+    @property
+    def samples(self) -> Array:
+        """The numbers of each sample that exported code takes, its time first, shape (n, numbers)."""
+        return np.column_stack([self.time_s, self.monitors, *([] if self.rate_deg_h is None else [self.rate_deg_h])])
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
         return np.asarray(self.status != INVALID)
 
 
-def stream_of(recording: Recording, compensator: Compensator, expansion: Expansion, *, full: bool) -> Stream:
+def stream_of(
+    recording: Recording, compensator: Compensator, expansion: Expansion, *, full: bool, offset_s: float | None = None
+) -> Stream:
     """A recording and what Python answers: the compensator itself for the `full` model, its expansion for a reduced one.
 
     Parameters
@@ -61,6 +72,8 @@ def stream_of(recording: Recording, compensator: Compensator, expansion: Expansi
     expansion : Expansion
     full : bool
         Whether the expansion is the whole model, not a reduced one.
+    offset_s : float, optional
+        Zero the offset of the run over so many seconds at its start.
     """
     long = np.flatnonzero(np.diff(recording.time_s) > LONGEST_STEP_S)
     rows = slice(0, 1 + int(long[0]) if len(long) else len(recording))  # exported code leaves out the sample after a longer step
@@ -68,10 +81,13 @@ def stream_of(recording: Recording, compensator: Compensator, expansion: Expansi
     monitors = recording.table[list(compensator.pipeline_.columns)].to_numpy()[rows]
     bias = compensator.predict_rows(X) if full else expansion.bias_deg_h(X)
     status = expansion.outside(X).astype(np.int64)
-    return Stream(recording.name, recording.time_s[rows], monitors, X, bias, compensator.half_widths(X), status)
+    stream = Stream(recording.name, recording.time_s[rows], monitors, X, bias, compensator.half_widths(X), status)
+    return stream if offset_s is None else _zeroed(stream, compensator, recording.rate_deg_h(compensator.gyro_)[rows], offset_s)
 
 
-def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool) -> tuple[Stream, int]:
+def golden_stream(
+    compensator: Compensator, expansion: Expansion, *, full: bool, offset_s: float | None = None
+) -> tuple[Stream, int]:
     """The golden recording, made from the artefact alone, and how many of its rows from the second on are undisturbed.
 
     An invalid sample; the first training run's averages, one sample each, turned back into monitors; then a gap, inputs
@@ -84,12 +100,17 @@ def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool)
     expansion : Expansion
     full : bool
         Whether the expansion is the whole model, not a reduced one.
+    offset_s : float, optional
+        Zero the offset over so many seconds at the start, of a gyro made up here; one of its samples is not finite.
     """
     time_s, monitors = _episodes(compensator)
     pipeline = compensator.pipeline_
+    rate_deg_h = _made_up_rate(compensator, len(time_s))
     X = np.full((len(time_s), len(pipeline.names)), np.nan)
     state = None
     for k, (now_s, row) in enumerate(zip(time_s, monitors, strict=True)):
+        if offset_s is not None and not np.isfinite(rate_deg_h[k]):
+            continue
         try:
             X[k], state = pipeline.step(state, {TIME: now_s, **dict(zip(pipeline.columns, row, strict=True))})
         except InputError:
@@ -103,7 +124,34 @@ def golden_stream(compensator: Compensator, expansion: Expansion, *, full: bool)
     bias = np.where(last >= 0, bias[last], expansion.y_mean_deg_h)
     half_width = np.where(last >= 0, half_width[last], compensator.interval_.per_span_deg_h)
     status = np.where(valid, expansion.outside(X), INVALID)
-    return Stream("golden", time_s, monitors, X, bias, half_width, status), min(len(compensator.training_[0].time_s), _LONGEST)
+    stream = Stream("golden", time_s, monitors, X, bias, half_width, status)
+    stream = stream if offset_s is None else _zeroed(stream, compensator, rate_deg_h, offset_s)
+    return stream, min(len(compensator.training_[0].time_s), _LONGEST)
+
+
+def _zeroed(stream: Stream, compensator: Compensator, rate_deg_h: Array, offset_s: float) -> Stream:
+    """The stream with the offset of its gyro zeroed; a refused sample has the offset and the width of the last valid one."""
+    valid = stream.valid
+    offsets, over = np.zeros(len(valid)), np.zeros(len(valid), dtype=np.bool_)
+    difference = rate_deg_h - stream.bias_deg_h
+    offsets[valid], over[valid] = StartOffset(offset_s).run(stream.time_s[valid], difference[valid])
+    last = np.maximum.accumulate(np.where(valid, np.arange(len(valid)), -1))
+    offsets, over = np.where(last >= 0, offsets[last], 0.0), (last >= 0) & over[last]
+    narrower = compensator.offset_interval(offset_s).inside_deg_h - compensator.interval_.inside_deg_h
+    return dataclasses.replace(
+        stream,
+        bias_deg_h=stream.bias_deg_h + offsets,
+        half_width_deg_h=stream.half_width_deg_h + np.where(over, narrower, 0.0),
+        rate_deg_h=rate_deg_h,
+    )
+
+
+def _made_up_rate(compensator: Compensator, rows: int) -> Array:
+    """A gyro of another switch-on, in deg/h: an offset of a span of the bias, and a wave; the fourth sample is not finite."""
+    scaling = compensator.scaling_
+    rate = scaling.y_mean_deg_h + scaling.y_scale_deg_h * (1.0 + np.sin(np.arange(rows)))
+    rate[3] = np.nan
+    return np.asarray(rate)
 
 
 def _episodes(compensator: Compensator) -> tuple[Array, Array]:

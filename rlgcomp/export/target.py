@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, Literal, Protocol
 
+from rlgcomp.compensation.start_offset import StartOffset
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message
@@ -41,6 +42,8 @@ class Options:
         trained on.
     name : str, optional
         Prefix of files and identifiers; by default the model folder's name.
+    offset_s : float, optional
+        Of C code: also a step that zeroes the offset of a run by its gyro over so many seconds at its start.
     board : bool
         Of C code: also run it on an emulated board where an emulator is found, which takes minutes for long recordings.
 
@@ -58,6 +61,7 @@ class Options:
     runs: Sequence[Recording] = ()
     name: str | None = None
     board: bool = True
+    offset_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.precision not in ("double", "float"):
@@ -65,6 +69,8 @@ class Options:
         for option, value in (("--max-bytes", self.max_bytes), ("--max-centres", self.max_centres)):
             if value is not None and value < 1:
                 raise InputError(f"{option} is {value}; it must be 1 or more")
+        if self.offset_s is not None:
+            StartOffset(self.offset_s)
 
 
 class Exported(Protocol):

@@ -143,7 +143,7 @@ def check(toolchain: Toolchain, command: Sequence[str], stream: Stream, bounds: 
     RuntimeError
         The program fails.
     """
-    table = np.column_stack([stream.time_s, stream.monitors])
+    table = stream.samples
     text = "\n".join(" ".join(map(repr, row)) for row in table.tolist()) + "\n"
     done = _run(_with_argument(toolchain, command, "stream"), text)
     lines = done.stdout.splitlines()

@@ -303,6 +303,12 @@ void {{ p }}_init({{ p }}_state *state)
     }
 {% endif %}
     state->time_s = 0;
+{% if offset_s %}
+    state->offset_begin_s = 0;
+    state->offset_total_deg_h = 0;
+    state->offset_count = 0;
+    state->offset_over = 0;
+{% endif %}
     state->refused_s = 0;
     state->refused = 0;
     state->bias_deg_h = {{ e.y_mean_deg_h|number }};
@@ -381,3 +387,35 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
     *state = next;
     return answer(state, flagged ? {{ P }}_OUT_OF_RANGE : {{ P }}_OK, result);
 }
+{% if offset_s %}
+
+int {{ p }}_step_zeroed({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ gyro_arguments }},
+    {{ p }}_result *result)
+{
+    const double rate_deg_h = {{ rate_deg_h }};
+    const double last_s = state->time_s;
+    const int first = !state->started;
+    const int status = IS_FINITE(rate_deg_h) ? {{ p }}_step(state, time_s, monitors, result) : answer(state, {{ P }}_INVALID, result);
+    double offset_deg_h;
+
+    if (status != {{ P }}_INVALID) {
+        if (first) {
+            state->offset_begin_s = time_s;
+        } else if (time_s <= last_s) {
+            state->offset_begin_s += time_s - last_s; /* the clock was set back */
+        }
+        state->offset_over = state->offset_over || time_s - state->offset_begin_s >= {{ offset_s|double }};
+        if (!state->offset_over) {
+            state->offset_total_deg_h += rate_deg_h - (double)result->bias_deg_h;
+            ++state->offset_count;
+        }
+    }
+    offset_deg_h = state->offset_count > 0 ? state->offset_total_deg_h / state->offset_count : 0.0;
+    result->bias_deg_h = (real)((double)result->bias_deg_h + offset_deg_h);
+    result->correction_deg_h = (real)((double)result->correction_deg_h + offset_deg_h);
+    if (state->offset_over) {
+        result->half_width_deg_h += {{ narrower_deg_h|number }};
+    }
+    return status;
+}
+{% endif %}

@@ -60,6 +60,12 @@ typedef struct {
 {% if slots %}
     {{ p }}_real memory[{{ slots }}]; /* filters and hysteresis, in the monitors' units */
 {% endif %}
+{% if offset_s %}
+    double offset_begin_s; /* of {{ p }}_step_zeroed: when the recording began, */
+    double offset_total_deg_h; /* sum of gyro less bias over its first {{ "%g"|format(offset_s) }} s, */
+    int offset_count;          /* of how many samples, */
+    int offset_over;           /* and whether they are over */
+{% endif %}
     double refused_s; /* time of the last sample that came too far ahead or not later */
     int refused;      /* how many of these followed each other */
     int started;
@@ -78,6 +84,14 @@ void {{ p }}_init({{ p }}_state *state);
 /* Take one sample: its time in s, a double in every precision, and its monitors. Returns the status. */
 int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result);
 
+{% if offset_s %}
+/* As {{ p }}_step, less the offset of this recording: the mean of the gyro's rate less the estimated bias over the first {{ "%g"|format(offset_s) }} s,
+ * and until they are over the mean so far. The gyro must be at rest then, and Earth rate removed. A gyro that is not finite makes
+ * the sample {{ P }}_INVALID. Use it for every sample of a recording, or for none. */
+int {{ p }}_step_zeroed({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ gyro_arguments }},
+    {{ p }}_result *result);
+
+{% endif %}
 /* Corrected rate in deg/h of one sample of {{ gyro }} as it comes{{ ", in " ~ gyro_unit if not pulses else ": signed pulses in period_s seconds" }}. */
 {{ correct }};
 

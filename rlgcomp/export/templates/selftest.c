@@ -1,7 +1,7 @@
 /* Self-test of {{ p }}.c: streams a golden recording and compares with what Python computed. Written by rlgcomp {{ version }}.
  *
  *   {{ p }}_selftest           the golden recording; exit 0 where every sample agrees
- *   {{ p }}_selftest stream    samples from standard input, "time_s monitor ..." a line; "status bias half_width" a line comes out
+ *   {{ p }}_selftest stream    samples from standard input, "time_s monitor ...{{ " rate_deg_h" if offset_s }}" a line; "status bias half_width" a line comes out
  *   {{ p }}_selftest time      nanoseconds a step
  */
 #include <math.h>
@@ -11,9 +11,9 @@
 
 #include "{{ p }}.h"
 
-enum { ROWS = {{ golden|length }}, BIAS = 1 + {{ P }}_MONITORS, WIDTH = BIAS + 1, ALLOWED = BIAS + 2, WIDTH_ALLOWED = BIAS + 3, STATUS = BIAS + 4 };
+enum { ROWS = {{ golden|length }}, BIAS = {{ 2 if offset_s else 1 }} + {{ P }}_MONITORS, WIDTH = BIAS + 1, ALLOWED = BIAS + 2, WIDTH_ALLOWED = BIAS + 3, STATUS = BIAS + 4 };
 
-/* time_s, monitors; bias and half width, the differences allowed in both, in deg/h; status, of which -1 stands for OK or
+/* time_s, monitors{{ ", rate of the gyro in deg/h" if offset_s }}; bias and half width, the differences allowed in both, in deg/h; status, of which -1 stands for OK or
  * OUT_OF_RANGE, too near to decide. */
 static const double GOLDEN[ROWS][STATUS + 1] = {
 {% for values in golden %}
@@ -21,7 +21,7 @@ static const double GOLDEN[ROWS][STATUS + 1] = {
 {% endfor %}
 };
 
-static int step({{ p }}_state *state, const double sample[1 + {{ P }}_MONITORS], {{ p }}_result *result)
+static int step({{ p }}_state *state, const double sample[BIAS], {{ p }}_result *result)
 {
     {{ p }}_real monitors[{{ P }}_MONITORS];
     int k;
@@ -29,7 +29,11 @@ static int step({{ p }}_state *state, const double sample[1 + {{ P }}_MONITORS],
     for (k = 0; k < {{ P }}_MONITORS; ++k) {
         monitors[k] = ({{ p }}_real)sample[1 + k];
     }
+{% if offset_s %}
+    return {{ p }}_step_zeroed(state, sample[0], monitors, {{ gyro_of_rate }}, result);
+{% else %}
     return {{ p }}_step(state, sample[0], monitors, result);
+{% endif %}
 }
 
 static int golden(void)
@@ -62,13 +66,13 @@ static int stream(void)
 {
     {{ p }}_state state;
     {{ p }}_result result;
-    double sample[1 + {{ P }}_MONITORS];
+    double sample[BIAS];
 
     {{ p }}_init(&state);
     for (;;) {
         int k, status;
 
-        for (k = 0; k <= {{ P }}_MONITORS; ++k) {
+        for (k = 0; k < BIAS; ++k) {
             if (scanf("%lf", &sample[k]) != 1) {
                 return k != 0;
             }
