@@ -49,11 +49,16 @@ def test_the_floor_of_a_real_run_is_near_it(
     assert blind.noise_floor_deg_h == pytest.approx(evaluation.noise_floor_deg_h, rel=0.15)
 
 
-def test_all_features_are_at_least_as_good_as_the_best_alone(evaluation: rlg.Evaluation) -> None:
+def test_each_group_is_judged_in_the_company_of_the_others(evaluation: rlg.Evaluation, trained: rlg.Compensator) -> None:
+    """Each group is left out in turn; alone, an input that corrects a small part would look useless."""
     table = evaluation.comparison
-    alone = table[table["features"] != "all"]["residual_std_deg_h"].min()
-    together = table[(table["features"] == "all") & (table["model"] == "lssvm")]["residual_std_deg_h"].item()
-    assert together <= alone
+    groups = [feature.group for feature in trained.pipeline_.features]
+    listed = list(dict.fromkeys(table["features"]))
+    assert listed == [groups[0], *(f"all without {group}" for group in groups), "all"]
+    residuals = table[table["model"] == "lssvm"].set_index("features")["residual_std_deg_h"]
+    assert residuals["all"] <= 1.02 * residuals.min()
+    assert residuals[groups[0]] == residuals.max()
+    assert residuals["all without readout_difference"] > 1.5 * residuals["all"]
     assert set(table["model"]) == {"cubic", "lssvm"}
     assert (table["factor"] * table["residual_std_deg_h"]).to_numpy() == pytest.approx(
         np.full(len(table), evaluation.raw_std_deg_h)

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.compensation.feature_pipeline import nearly_standard
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.window_means import window_means
 
@@ -100,3 +101,47 @@ def test_features_that_are_named_are_all_used() -> None:
     model = rlg.Compensator(features="temperature,lag").fit([run(warm_up(20.0, 30.0), 1), run(warm_up(20.0, 30.0), 2)])
     assert [feature.group for feature in model.pipeline_.features] == ["temperature", "lag"]
     assert not [remark for remark in model.remarks_ if remark.code == "compensation.not_told_apart"]
+
+
+def test_a_table_that_turns_is_a_candidate() -> None:
+    """A scale factor error is a bias that follows the table's rate: "all" takes it, and an angle never."""
+    training = []
+    for k in range(3):
+        temperature = cycle(20.0, 50.0, 4.0, phase=k / 3.0)
+        rate = 5.0 * np.sign(np.sin(np.arange(len(temperature)) * STEP_S / (500.0 + 90.0 * k)))
+        recording = run(temperature, k, table_rate_deg_s=rate, table_angle_deg=np.cumsum(rate) * STEP_S)
+        training.append(recording.replace(table=recording.table.assign(gyro_deg_h=recording.rate_deg_h() + 8.0 * rate)))
+    model = rlg.Compensator(rlg.CubicLeastSquares()).fit(training)
+    assert "table_rate_deg_s" in model.pipeline_.names
+    assert not {name for name in model.pipeline_.names if "angle" in name}
+    assert model.selection_.rmse is not None
+    assert model.selection_.rmse * model.scaling_.y_scale_deg_h < 4.0
+
+
+@pytest.mark.parametrize(
+    ("column", "nearest"),
+    [
+        ("temperatur_block_degC", "temperature_block_degC"),
+        ("Temp_block_degC", "temperature_block_degC"),
+        ("pressure_kPa", "pressure_hPa"),
+        ("suply_voltage_V", "supply_voltage_V"),
+        ("cavity_volume", None),
+        ("temperature_mirror_degC", None),  # a thermometer at any place is standard
+    ],
+)
+def test_a_column_whose_name_is_nearly_standard_is_asked_about(column: str, nearest: str | None) -> None:
+    temperature = cycle(20.0, 50.0, 3.0)
+    recording = run(temperature, 1, **{column: np.sin(np.arange(len(temperature)) / 50.0)})
+    if nearest == "temperature_block_degC":
+        recording = recording.replace(table=recording.table.rename(columns={nearest: "temperature_frame_degC"}))
+    remarks = [remark for remark in nearly_standard([recording]) if remark.code == "compensation.nearly_standard"]
+    assert [(remark.data["column"], remark.data["nearest"]) for remark in remarks] == (
+        [] if nearest is None else [(column, nearest)]
+    )
+    assert not nearly_standard([recording], ["temperature", column])  # asked for, so meant
+
+
+def test_a_second_monitor_of_a_kind_is_not_asked_about() -> None:
+    temperature = cycle(20.0, 50.0, 3.0)
+    wave = np.sin(np.arange(len(temperature)) / 50.0)
+    assert not nearly_standard([run(temperature, 1, supply_voltage_V=wave, supply_voltage_2_V=wave)])

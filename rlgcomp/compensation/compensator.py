@@ -20,6 +20,7 @@ from rlgcomp.compensation.feature_pipeline import (
     FeatureRecipe,
     feature_names,
     further_monitors,
+    nearly_standard,
     omitted_groups,
     pipeline_for,
 )
@@ -208,6 +209,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         ]
         self.remarks_ = (
             *outliers,
+            *nearly_standard(runs, self.features),
             *omitted_groups(runs, self.features),
             *not_told_apart,
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, Self
@@ -208,6 +209,20 @@ DYNAMIC: Final = ("gradient", "temperature_rate", "lag", "memory")
 _LAGS_S: Final = (300.0, 900.0, 2700.0)
 _RADII_OF_SPAN: Final = (0.05, 0.1, 0.2)
 _LAGS_IN_A_RUN: Final = 3.0
+_MONITORS: Final = (
+    "temperature_block_degC",
+    "temperature_shell_degC",
+    "light_intensity_V",
+    "readout_a_V",
+    "readout_b_V",
+    "magnetic_field_uT",
+    "pressure_hPa",
+    "supply_voltage_V",
+    "discharge_current_a_mA",
+    "discharge_current_b_mA",
+)
+TABLE: Final = (*ENCODERS, "table_rate_deg_s")
+_NEARLY: Final = 0.8  # of difflib's likeness: "temp_block_degC" and "pressure_kPa" are asked about, "cavity_volume" is not
 _LONGEST_NAME: Final = 200
 _MOST_NUMBERS: Final = 64
 
@@ -254,7 +269,7 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
 
 
 def further_monitors(runs: Sequence[Recording], wanted: str | Sequence[str], pipeline: FeatureRecipe) -> list[str]:
-    """Monitors that "all" has no group for: recorded in every run, neither a gyro nor an encoder, finite, and not constant.
+    """Monitors that "all" has no group for: recorded in every run, neither a gyro nor an angle, finite, and not constant.
 
     Parameters
     ----------
@@ -266,11 +281,32 @@ def further_monitors(runs: Sequence[Recording], wanted: str | Sequence[str], pip
     """
     if "all" not in feature_names(wanted):
         return []
-    known = {TIME, *ENCODERS, "table_rate_deg_s", "readout_a_V", "readout_b_V", *pipeline.columns}
+    known = {TIME, *ENCODERS, "readout_a_V", "readout_b_V", *pipeline.columns}
     common = [column for column in runs[0].columns if all(column in run for run in runs) and column not in known]
     monitors = [column for column in common if not (is_gyro(column) or is_compensation(column) or column.startswith("accel_"))]
     values = {column: np.concatenate([run.column(column) for run in runs]) for column in monitors}
     return [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
+
+
+def nearly_standard(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:
+    """Remarks on columns whose name is nearly that of a standard monitor which the runs lack; a column that is asked for is meant.
+
+    Parameters
+    ----------
+    runs : sequence of Recording
+    wanted : str or sequence of str
+        As for :func:`pipeline_for`.
+    """
+    columns = dict.fromkeys(column for run in runs for column in run.columns)
+    lacking = {name.lower(): name for name in (*_MONITORS, *TABLE) if name not in columns}
+    remarks = []
+    for column in columns:
+        own = is_gyro(column) or is_compensation(column) or column in (*_MONITORS, *TABLE, TIME) or column.startswith("accel_")
+        if own or _is_thermometer(column) or column in feature_names(wanted):
+            continue
+        if close := difflib.get_close_matches(column.lower(), lacking, n=1, cutoff=_NEARLY):
+            remarks.append(message("compensation.nearly_standard", column=column, nearest=lacking[close[0]]))
+    return remarks
 
 
 def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:
@@ -316,4 +352,8 @@ def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:
 
 
 def _has_thermometer(run: Recording) -> bool:
-    return any(column.startswith("temperature_") and column.endswith("_degC") for column in run.columns)
+    return any(_is_thermometer(column) for column in run.columns)
+
+
+def _is_thermometer(column: str) -> bool:
+    return column.startswith("temperature_") and column.endswith("_degC")

@@ -1,4 +1,4 @@
-"""Comparison tables: feature groups by models, all trained on the windows of one compensation, and correlations of the inputs."""
+"""Comparison tables: models with and without each feature group, trained on the windows of one compensation; correlations."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from rlgcomp.compensation.window_means import Scaling, WindowMeans
 
 Array = npt.NDArray[np.float64]
 ALWAYS: Final = ("cubic", "lssvm")
+ALL_BUT: Final = "all without"
 
 
 def correlation_table(held_out: Sequence[WindowMeans], names: Sequence[str]) -> pd.DataFrame:
@@ -38,7 +39,10 @@ def correlation_table(held_out: Sequence[WindowMeans], names: Sequence[str]) -> 
 
 
 def comparison_table(compensator: Compensator, held_out: Sequence[WindowMeans], *, n_jobs: int = 1) -> pd.DataFrame:
-    """Held-out residuals of each model, on each feature group alone and on all, trained on the same windows.
+    """Held-out residuals of each model, on all feature groups and without each of them, trained on the same windows.
+
+    An input is judged in the company of the others, by what is lost without it: alone, one that corrects a small part of the bias
+    would look useless. The first group alone, temperature where it is recorded, is the first row.
 
     Parameters
     ----------
@@ -94,10 +98,17 @@ def _predict(model: Any, scaling: Scaling, part: WindowMeans, places: list[int])
 
 
 def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
-    """Columns of the inputs of each feature group, and of all together."""
+    """Columns of the inputs of the first feature group, of all but one, and of all together."""
     owners = [feature.group for feature in compensator.pipeline_.features for _ in feature.names]
-    groups = {group: [place for place, owner in enumerate(owners) if owner == group] for group in dict.fromkeys(owners)}
-    return groups if len(groups) == 1 else {**groups, "all": list(range(len(owners)))}
+    groups = list(dict.fromkeys(owners))
+    subsets = {groups[0]: [place for place, owner in enumerate(owners) if owner == groups[0]]}
+    if len(groups) == 1:
+        return subsets
+    for group in groups:
+        others = [place for place, owner in enumerate(owners) if owner != group]
+        if others not in subsets.values():  # of two groups the first alone is all without the second
+            subsets[f"{ALL_BUT} {group}"] = others
+    return subsets | {"all": list(range(len(owners)))}
 
 
 def _pooled(deviations: Sequence[float | np.floating[Any]]) -> float:

@@ -123,7 +123,7 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> st
 
 
 def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> str:
-    """Bias stability of held-out runs by feature group and model, as bars beside the raw gyro and the noise floor."""
+    """Bias stability of held-out runs with and without each feature group, as bars beside the raw gyro and the noise floor."""
     if table.empty:
         return ""
     with rc_context(STYLE):
@@ -138,7 +138,8 @@ def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> str:
             axes.barh(places, 1e3 * values, height=0.9 * height, color=(RAW, RESIDUAL, FIT)[k % 3], label=model)
         axes.axvline(1e3 * evaluation.raw_std_deg_h, color=INK, lw=1.0, label="not compensated")
         axes.axvline(1e3 * evaluation.noise_floor_deg_h, color=FLOOR, lw=1.4, ls="--", label="noise floor")
-        axes.set_yticks(np.arange(len(groups)), [group.replace("_", " ") for group in groups])
+        labels = [group if group.startswith("all") or len(groups) == 1 else f"{group} alone" for group in groups]
+        axes.set_yticks(np.arange(len(groups)), [label.replace("_", " ") for label in labels])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("bias stability of held-out runs in 10⁻³ deg/h")

@@ -69,6 +69,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "With runs left out the residual is {left_out_rms_deg_h:.3g} deg/h, less than the {noise_deg_h:.3g} deg/h that white noise "
         "alone leaves in the means: the runs know each other, as copies do, so this error proves nothing."
     ),
+    "compensation.nearly_standard": (
+        "Column {column} is not a standard name; the nearest is {nearest}. If it is meant, state --map {nearest}={column}, and "
+        "the features of that monitor can be used."
+    ),
     "compensation.group_omitted": _group_omitted,
     "compensation.not_told_apart": (
         "{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."
