@@ -208,6 +208,7 @@ def train_unit(
     features: str = "all",
     averaging_s: float = 100.0,
     keep_mean: bool = False,
+    gyro: str | None = None,
 ) -> dict[str, Any]:
     """A task: train a compensation on the unit's runs.
 
@@ -222,12 +223,14 @@ def train_unit(
         The model is trained on means over this time.
     keep_mean : bool
         As of :class:`rlgcomp.Compensator`.
+    gyro : str, optional
+        Gyro column, where the recordings have several.
     """
     from rlgcomp.compensation.compensator import Compensator
     from rlgcomp.compensation.models import MODELS
     from rlgcomp.recording.formats import read
 
-    compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s, keep_mean=keep_mean)
+    compensator = Compensator(MODELS[model].make(), features=features, averaging_s=averaging_s, keep_mean=keep_mean, gyro=gyro)
     compensator.fit([read(path) for path in unit.train])
     compensator.provenance_ = with_digests(compensator.provenance_, unit.train)
     compensator.save(folder / "model")
@@ -240,7 +243,7 @@ def train_unit(
     }
 
 
-def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
+def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0, gyro: str | None = None) -> dict[str, Any]:
     """A task: diagnose the unit's simulator.
 
     Parameters
@@ -251,6 +254,8 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
         Receives `diagnosis.json`, `augmented.yaml` and `report.html`.
     seed : int
         Of all random streams.
+    gyro : str, optional
+        Gyro column, where the recordings have several.
 
     Raises
     ------
@@ -267,7 +272,9 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0) -> dict[str, Any]:
     simulator = Simulator.from_yaml(unit.simulator)
     paths = [*unit.train, *unit.test]
     runs = with_distinct_names([str(path) for path in paths], [read(path) for path in paths])
-    diagnosis = diagnose(simulator, runs[: len(unit.train)], runs[len(unit.train) :], seed=seed).of_files(unit.train, unit.test)
+    diagnosis = diagnose(simulator, runs[: len(unit.train)], runs[len(unit.train) :], gyro=gyro, seed=seed).of_files(
+        unit.train, unit.test
+    )
     diagnosis.save(folder)
     diagnosis.report(folder / "report.html")
     return {"verdict": diagnosis.verdict, "found": [cause.name for cause in diagnosis.causes], "p_value": diagnosis.p_value}

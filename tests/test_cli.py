@@ -87,6 +87,26 @@ def test_every_command_has_help_with_an_example(command: str) -> None:
     assert f"rlgcomp {command}" in result.output.replace("\n", " ")
 
 
+def test_help_names_options_in_full_at_80_columns() -> None:
+    import typer
+
+    for command, each in typer.main.get_command(app).commands.items():
+        text = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}).output
+        assert max(map(len, text.splitlines())) <= 80, command
+        for parameter in each.params:
+            names = parameter.opts if parameter.param_type_name == "option" else [parameter.metavar.strip("[]")]
+            assert all(name in text for name in names), command
+        assert text.rstrip().endswith(f"commands.html#{command}")
+
+
+def test_every_command_is_in_one_group_of_the_help() -> None:
+    import typer
+
+    from rlgcomp.cli.help import COMMANDS as GROUPS
+
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(typer.main.get_command(app).commands)
+
+
 def test_the_version_is_printed() -> None:
     result = run("--version")
     assert result.exit_code == 0

@@ -34,10 +34,14 @@ def allan(
         typer.Argument(metavar="RUN", help="Recording at rest or at constant rate. RUN@START:STOP takes an interval in seconds."),
     ],
     gyro: Gyro = None,
-    estimator: Annotated[str, typer.Option(help="overlapping, plain, hadamard or plain-hadamard.")] = "overlapping",
-    tau: Annotated[str | None, typer.Option(help="Averaging times in s, as 1,10,100.")] = None,
-    per_decade: Annotated[float, typer.Option(min=0.5, max=1000.0, help="Averaging times a decade, without --tau.")] = 10.0,
-    confidence: Annotated[float, typer.Option(help="Probability of the intervals.")] = 0.683,
+    estimator: Annotated[str, typer.Option(metavar="NAME", help="overlapping, plain, hadamard or plain-hadamard.")] = "overlapping",
+    tau: Annotated[
+        str | None, typer.Option(metavar="S,S,...", help="Averaging times in s: 1,10,100. Unless given, a number a decade.")
+    ] = None,
+    per_decade: Annotated[
+        float, typer.Option(min=0.5, max=1000.0, metavar="N", help="Averaging times a decade, without --tau.")
+    ] = 10.0,
+    confidence: Annotated[float, typer.Option(metavar="P", help="Probability that an interval covers the deviation.")] = 0.683,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -46,7 +50,11 @@ def allan(
     ] = None,
     to: Annotated[
         list[str] | None,
-        typer.Option("--to", metavar="TOOL", help="Also the file of another tool: kalibr (imu.yaml) or matlab (gyroparams.m)."),
+        typer.Option(
+            "--to",
+            metavar="TOOL",
+            help="Also write the file of another tool: kalibr (imu.yaml) or matlab (gyroparams.m). Repeatable.",
+        ),
     ] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -62,11 +70,12 @@ def allan(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Allan deviation of every gyro, the noise coefficients with their standard errors, and findings on the curve.
+    """Allan deviation of every gyro, and its noise coefficients with standard errors.
 
-    Columns accel_... are compared with the gyros, to separate base motion from noise.
+    Angle random walk, bias instability, rate random walk, quantization and ramp are fitted to the curve. Columns accel_... are
+    compared with the gyros, to separate base motion from noise. A file of 15 h at 1 Hz takes seconds.
 
-    Example: `rlgcomp allan static.parquet --per-decade 5 --out noise`
+    Example: `rlgcomp allan rest.csv@14400: --map time_s='Time [s]' --map gyro_deg_h='Gyro [deg/h]' --out noise`
     """
     from rlgcomp.noise.analysis import analyse_noise
     from rlgcomp.recording.formats.pieces import too_large

@@ -13,7 +13,7 @@ from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 from rlgcomp.errors import InputError
 
 FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")
-Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, repeatable; by default all.")]
+Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro to use; all unless given. Repeatable.")]
 
 
 @command("arw")
@@ -24,17 +24,19 @@ def arw(
     gyro: Gyros = None,
     pulse_arcsec: PulseArcsec = None,
     period_s: PeriodS = None,
-    trend: Annotated[str, typer.Option(help="Variable of the fifth-order trend: time or temperature.")] = "time",
+    trend: Annotated[str, typer.Option(metavar="NAME", help="Variable of the fifth-order trend: time or temperature.")] = "time",
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for tables, JSON and figures, replaced as a whole.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Angle random walk of gyros that turn at constant rate on a table, with a cross-check that needs no harmonic fit.
+    """Angle random walk of gyros that turn at constant rate on a table.
 
-    The runs need the table's angle. A start-up, or two rates (in one run or in several), gives the encoder's delay too.
+    Harmonics of the table's angle are fitted and removed; whole revolutions give a cross-check that needs no fit. The runs need
+    `table_angle_deg`, or `angle_inner_deg`. A start-up, or two rates (in one run or in several), gives the encoder's delay too.
+    A run of five hours takes minutes.
 
-    Example: `rlgcomp arw at60.parquet at30.parquet --out arw`
+    Example: `rlgcomp arw turning.parquet --out arw`
     """
     from rlgcomp.noise.angle_random_walk import RotationNoise, angle_random_walk
 

@@ -14,57 +14,78 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from rlgcomp import __version__
 from rlgcomp.cli.ending import ending, notify
+from rlgcomp.cli.help import DocumentedCommand, DocumentedGroup
 from rlgcomp.errors import InputError
 
 _arguments: contextvars.ContextVar[str] = contextvars.ContextVar("arguments", default="")  # of the command
 app = typer.Typer(
     name="rlgcomp",
-    help="Ring laser gyros: from raw recordings to a deployed bias compensation.",
+    cls=DocumentedGroup,
+    help="Ring laser gyros: from raw recordings to a deployed bias compensation, and to the physics that a simulator is missing.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 Runs = Annotated[
     list[str],
     typer.Argument(
-        metavar="RUN...", help="Recordings (.parquet, .csv, .csv.gz, .h5, .mat). RUN@START:STOP takes an interval in seconds."
+        metavar="RUN...",
+        help="Recordings: .parquet, .csv, .h5, .mat and others. RUN@START:STOP is an interval in seconds, RUN@3600: all after "
+        "an hour.",
     ),
 ]
 Map = Annotated[
-    list[str] | None, typer.Option("--map", metavar="TARGET=SOURCE", help="Column mapping, as gyro_deg_h='Gyro Z [deg/s]'.")
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="TARGET=SOURCE",
+        help="Read a column of the file under a standard name, its unit in brackets: gyro_deg_h='Gyro Z [deg/s]'. Repeatable. "
+        "All names and units: docs/_site/reference/columns.html",
+    ),
 ]
-Drop = Annotated[list[str] | None, typer.Option("--drop", metavar="COLUMN", help="Leave a column of the file out.")]
-Gyro = Annotated[str | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro column, where there are several.")]
-PulseArcsec = Annotated[float | None, typer.Option("--pulse-arcsec", help="Angle of one pulse, where the file does not say.")]
-PeriodS = Annotated[float | None, typer.Option("--period-s", help="Sample period of a file without time stamps.")]
+Drop = Annotated[list[str] | None, typer.Option("--drop", metavar="COLUMN", help="Leave a column of the file out. Repeatable.")]
+Gyro = Annotated[
+    str | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro to use, where the recordings have several: gyro_z_deg_h.")
+]
+PulseArcsec = Annotated[
+    float | None,
+    typer.Option("--pulse-arcsec", metavar="ARCSEC", help="Angle of one pulse in arcsec, where the file does not state it."),
+]
+PeriodS = Annotated[float | None, typer.Option("--period-s", metavar="S", help="Sample period in s of a file without time stamps.")]
 CalibrationFile = Annotated[
     Path | None,
-    typer.Option("--calibration", metavar="CAL.json", help="Calibration to apply to the raw gyros, which then end in _deg_h."),
+    typer.Option(
+        "--calibration",
+        metavar="CAL.json",
+        help="Calibration of calibrate or scale-factor, applied to the raw gyros: their columns then end in _deg_h.",
+    ),
 ]
 MechanismFiles = Annotated[
-    list[Path] | None, typer.Option("--mechanisms", metavar="my_physics.py", help="Python file with mechanisms of your own.")
+    list[Path] | None,
+    typer.Option(
+        "--mechanisms", metavar="my_physics.py", help="Python files with mechanisms of your own, which join the catalogue."
+    ),
 ]
 OnlyOwn = Annotated[
-    bool, typer.Option("--only-mechanisms", help="Try those of --mechanisms alone, none of the catalogue: for what is no gyro.")
+    bool,
+    typer.Option("--only-mechanisms", help="Use those of --mechanisms alone, none of the catalogue: for a sensor that is no gyro."),
 ]
 Offset = Annotated[
     tuple[str, float] | None,
     typer.Option(
         "--offset",
         metavar="zero-at-start S",
-        help="Take the offset of this run, new at each switch-on, from the gyro's first S seconds, at rest and without Earth rate.",
+        help="Take the offset of this run, new at each switch-on, from its first S seconds, at rest and without Earth rate.",
     ),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file even if rlgcomp did not write it.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines instead of tables.")]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Worker processes.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an output file that rlgcomp did not write.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, metavar="N", help="Worker processes.")]
 
 
 def _version(requested: bool) -> None:
@@ -75,7 +96,9 @@ def _version(requested: bool) -> None:
 
 @app.callback()
 def _application(
-    version: Annotated[bool, typer.Option("--version", help="Print it and end.", callback=_version, is_eager=True)] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_version, is_eager=True)
+    ] = False,
 ) -> None:
     pass
 
@@ -363,10 +386,10 @@ def _require_numbers(options: Mapping[str, Any]) -> None:
             raise InputError(f"--{name.replace('_', '-')} is nan, which is no number; give a number, or leave it out")
 
 
-def _with_list_options(name: str, several: Sequence[str]) -> type[TyperCommand]:
+def _with_list_options(name: str, several: Sequence[str]) -> type[DocumentedCommand]:
     """A command that knows its own arguments, in which options take all values up to the next one."""
 
-    class WithListOptions(TyperCommand):
+    class WithListOptions(DocumentedCommand):
         def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
             import shlex
 

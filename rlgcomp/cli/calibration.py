@@ -35,11 +35,22 @@ def calibrate(
         Path | None, typer.Option("--report", metavar="DIR", help="Folder for report.html and curves.csv, replaced as a whole.")
     ] = None,
     gyro_axes: Annotated[
-        str | None, typer.Option(help="oblique or orthogonal; by default whichever agrees with the encoders.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Axes of the gyros, oblique or orthogonal; unless given, whichever agrees with the encoders."
+        ),
     ] = None,
-    latitude_deg: Annotated[float | None, typer.Option("--latitude", help="Of the table, where the files do not state it.")] = None,
+    latitude_deg: Annotated[
+        float | None,
+        typer.Option("--latitude", metavar="DEG", help="Latitude of the table in deg, where the files do not state it."),
+    ] = None,
     angle_random_walk: Annotated[
-        float | None, typer.Option("--angle-random-walk", help="N of the gyros in deg/sqrt(h); by default estimated from the runs.")
+        float | None,
+        typer.Option(
+            "--angle-random-walk",
+            metavar="N",
+            help="Angle random walk of the gyros in deg/sqrt(h); unless given, estimated from the runs.",
+        ),
     ] = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -48,12 +59,13 @@ def calibrate(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Bias, scale factors and misalignments of a triad from runs on a two-axis table (three steps, or any others).
+    """Biases, scale factors and misalignments of three gyros from runs on a two-axis table.
 
-    A run with the inner axis level shows scale factor, bias and misalignments of z, one with it upright the biases of x and y, one
-    with both axes turning the rest. Runs need `angle_inner_deg`, `angle_outer_deg`, three gyros and three accelerometers.
+    In three steps, or any others: a run with the inner axis level shows scale factor, bias and misalignments of z, one with it
+    upright the biases of x and y, one with both axes turning the rest. Runs need `angle_inner_deg`, `angle_outer_deg`, three gyros
+    and three accelerometers.
 
-    Example: `rlgcomp calibrate step1.parquet step2.parquet step3.parquet --out unit-17.json --report calibration`
+    Example: `rlgcomp calibrate step-1.parquet step-2.parquet step-3.parquet --out unit-17.json --report calibration`
     """
     from rlgcomp.calibration.file import write_calibration
     from rlgcomp.calibration.triad.calibrate import calibrate_turntable

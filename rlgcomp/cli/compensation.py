@@ -54,30 +54,40 @@ def train(
     model: Annotated[
         str,
         typer.Option(
-            help="lssvm, fixed-size (of many rows), cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence."
+            metavar="NAME",
+            help="lssvm, fixed-size (for many rows), cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence.",
         ),
     ] = "lssvm",
     features: Annotated[
         str,
         typer.Option(
-            help="all, and each further monitor that gains over runs left out; or some of temperature, gradient, temperature_rate, "
-            "lag, memory, light_intensity, readout_difference, and names of further columns."
+            metavar="NAME,NAME,...",
+            help="all (each further monitor is used if it reduces the error of runs left out), or some of temperature, "
+            "gradient, temperature_rate, "
+            "lag, memory, light_intensity, readout_difference, and names of further columns.",
         ),
     ] = "all",
-    averaging_s: Annotated[float, typer.Option(help="The model is trained on means over this time.")] = 100.0,
+    averaging_s: Annotated[
+        float, typer.Option(metavar="S", help="Averaging time in s: the model is trained on means over it.")
+    ] = 100.0,
     keep_mean: Annotated[
-        bool, typer.Option("--keep-mean", help="Leave the training mean (Earth rate) in the corrected gyro.")
+        bool,
+        typer.Option("--keep-mean", help="Keep the mean of the training runs, for example the Earth rate, in the corrected gyro."),
     ] = False,
     adapt: Annotated[
         Path | None,
         typer.Option(
-            "--adapt", metavar="MODEL", help="Adapt a cubic or dynamic model of several units to one more, from a short run."
+            "--adapt",
+            metavar="MODEL",
+            help="Cubic or dynamic model of several units, which is adapted to these runs of one more unit.",
         ),
     ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
-            "--export", metavar="DIR", help="Also write C code, compiled and compared at every sample of the runs, and its report."
+            "--export",
+            metavar="DIR",
+            help="Also write C code and its report; it is compiled and compared with Python at every sample of the runs.",
         ),
     ] = None,
     gyro: Gyro = None,
@@ -88,15 +98,17 @@ def train(
     calibration: CalibrationFile = None,
     device: Annotated[
         str | None,
-        typer.Option(help="Of lssvm: compute by torch on auto, cpu, cuda or cuda:0, for tens of thousands of averaged rows."),
+        typer.Option(
+            metavar="NAME", help="Of lssvm: compute by torch on auto, cpu, cuda or cuda:0, for tens of thousands of averaged rows."
+        ),
     ] = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
     """Train a bias compensation; hyperparameters by leave-one-run-out cross-validation.
 
-    The same command resumes a search that was interrupted. With --adapt, model, features and averaging are those of the adapted
-    model.
+    Two runs of 11 h take seconds. The same command resumes a search that was interrupted. With --adapt, model, features and
+    averaging are those of the adapted model.
 
     Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
 
@@ -264,7 +276,9 @@ def evaluate(
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for report.html and evaluation.json, replaced as a whole.")
     ],
-    no_comparison: Annotated[bool, typer.Option("--no-comparison", help="Skip the tables by feature and model.")] = False,
+    no_comparison: Annotated[
+        bool, typer.Option("--no-comparison", help="Leave out the tables of features and models, which take most of the time.")
+    ] = False,
     offset: Offset = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -274,7 +288,7 @@ def evaluate(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Bias stability on runs held out: tables and a report.
+    """Bias stability before and after compensation on runs held out.
 
     Example: `rlgcomp evaluate models/unit-17 new.parquet --out report`
 
@@ -310,8 +324,12 @@ def compensate(
     model: Model,
     run: Annotated[str, typer.Argument(metavar="RUN", help="Recording; with --follow a CSV file, or - for standard input.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Corrected recording; with --follow also -.")],
-    follow: Annotated[bool, typer.Option("--follow", help="Continue as the file grows; write each line once it is whole.")] = False,
-    idle_s: Annotated[float | None, typer.Option("--idle-s", min=0.0, help="--follow ends after so long without growth.")] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Continue while the file grows; each line is written once it is complete.")
+    ] = False,
+    idle_s: Annotated[
+        float | None, typer.Option("--idle-s", min=0.0, metavar="S", help="With --follow: end after S seconds without growth.")
+    ] = None,
     offset: Offset = None,
     mapping: Map = None,
     drop: Drop = None,
@@ -321,7 +339,7 @@ def compensate(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """A corrected recording: the gyro less its estimated bias, and how far that may be off.
+    """A corrected recording: the gyro without its estimated bias, and the half width of a 90 % interval.
 
     Single outliers of a monitor are interpolated, outliers of the gyro stay; both are reported. With --follow, which does not know
     later samples, outliers of monitors are used as they are.

@@ -40,16 +40,18 @@ def conceal(
     strength: Annotated[
         float | None,
         typer.Option(
-            help="Part that the simulator cannot absorb over the white noise of 100 s; default 1, or the size in the file."
+            metavar="RATIO",
+            help="Rms that the simulator cannot fit / white noise of a 100 s mean; unless given 1, or the size in the file.",
         ),
     ] = None,
-    step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
+    step_s: Annotated[float, typer.Option(metavar="S", help="Sample period in s.")] = 1.0,
     mechanisms: MechanismFiles = None,
     as_json: AsJson = False,
 ) -> None:
-    """Seal a challenge: recordings, a simulator that lacks an effect, and the SHA-256 of the truth, which stays in truth.json.
+    """Seal a challenge: recordings, and a simulator that lacks an effect.
 
-    Hand over everything but truth.json, or do not read it until there is a diagnosis.
+    The truth stays in truth.json, committed by its SHA-256. Hand over everything but truth.json, or do not read it until there is a
+    diagnosis.
 
     Example: `rlgcomp conceal gyro.yaml --hide random --out challenge`
     """
@@ -92,7 +94,7 @@ def reveal(
     truth: Annotated[Path | None, typer.Option(metavar="FILE", help="The truth, where it was kept elsewhere.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Open a challenge and score a diagnosis of it; a truth that is not the sealed one is refused.
+    """Open a challenge and score a diagnosis of it.
 
     Example: `rlgcomp reveal challenge diagnosis`
     """

@@ -46,7 +46,14 @@ FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diag
 
 @command("diagnose", several=("--train", "--test", "--confirm", "--simulated", "--mechanisms", "--without", "--only"))
 def diagnose(
-    train: Annotated[list[str], typer.Option("--train", metavar=RUNS, help="Recordings to explain, or parts RUN@START:STOP.")],
+    train: Annotated[
+        list[str],
+        typer.Option(
+            "--train",
+            metavar=RUNS,
+            help="Recordings from which missing physics is named and fitted. RUN@START:STOP is an interval in seconds.",
+        ),
+    ],
     out: Annotated[
         Path,
         typer.Option(
@@ -54,19 +61,28 @@ def diagnose(
         ),
     ],
     test: Annotated[
-        list[str] | None, typer.Option("--test", metavar=RUNS, help="Recordings held out, best of other programmes: the proof.")
+        list[str] | None,
+        typer.Option(
+            "--test", metavar=RUNS, help="Recordings held out, best of other programmes: they decide nothing and prove the result."
+        ),
     ] = None,
     simulator: Annotated[
         str | None,
         typer.Option(
             "--simulator",
-            metavar="SIM.yaml|my_sim.py:function",
-            help="Simulator file, or your own Python function: of a recording (run.column(NAME), run.table), deg/h a row.",
+            metavar="SIM",
+            help="Simulator: a file SIM.yaml, or your own Python function my_sim.py:function, which maps a recording "
+            "(run.column(NAME), run.table) to the predicted gyro in deg/h, a number a row.",
         ),
     ] = None,
     simulated: Annotated[
         list[str] | None,
-        typer.Option("--simulated", metavar=RUNS, help="Output of your own simulator: a file a run, in the order of the runs."),
+        typer.Option(
+            "--simulated",
+            metavar=RUNS,
+            help="Output of your own simulator: a file for each run, in the order --train, --confirm, --test. Clocks are "
+            "aligned by a temperature, where both files have one; otherwise they must agree.",
+        ),
     ] = None,
     mechanisms: MechanismFiles = None,
     only_own: OnlyOwn = False,
@@ -75,7 +91,9 @@ def diagnose(
         float | None,
         typer.Option(
             "--averaging-s",
-            help="Averaging time; unless given a 400th of the longest run, or longer, so that all runs make up to 1000 windows.",
+            metavar="S",
+            help="Averaging time in s; unless given, a 400th of the longest run, or longer, so that all runs make up to 1000 "
+            "windows.",
             show_default=False,
         ),
     ] = None,
@@ -83,32 +101,37 @@ def diagnose(
         Path | None,
         typer.Option(
             metavar="NOISE",
-            help="The gyro's noise at rest: coefficients.json of `rlgcomp allan --out`, or a .yaml of strengths.",
+            help="Noise of the gyro at rest: coefficients.json of `rlgcomp allan --out`, or a .yaml of strengths. Unless given, "
+            "it is estimated from the runs.",
         ),
     ] = None,
     chamber: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
             metavar="LOWEST HIGHEST FASTEST",
-            help="What the chamber can do, in degC and degC/min (-40 70 2), for the next experiment; as recorded unless given.",
+            help="Range of the chamber in degC and its fastest ramp in degC/min (-40 70 2), for the proposed next experiment; "
+            "unless given, as recorded.",
             show_default=False,
         ),
     ] = None,
     confirm: Annotated[
         list[str] | None,
-        typer.Option(
-            "--confirm", metavar=RUNS, help="Recordings that take part in the choice of what is named, and not in the fit."
-        ),
+        typer.Option("--confirm", metavar=RUNS, help="Recordings that take part in the choice of mechanisms, and not in the fit."),
     ] = None,
-    without: Annotated[list[str] | None, typer.Option("--without", metavar="NAME...", help="Candidates to leave out.")] = None,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", metavar="NAME...", help="Mechanisms that are no candidates.")
+    ] = None,
     only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="NAME...", help="The only candidates, beside laws without a name.")
+        list[str] | None,
+        typer.Option("--only", metavar="NAME...", help="The only mechanisms that are candidates; laws in recorded columns remain."),
     ] = None,
     output: Annotated[
         str | None,
-        typer.Option("--output", metavar="COLUMN", help="Another quantity than a gyro's output, as force_N."),
+        typer.Option(
+            "--output", metavar="COLUMN", help="Quantity to explain, where it is no gyro: force_N. Parameters are then in its unit."
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random streams.")] = 0,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
@@ -116,11 +139,12 @@ def diagnose(
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """What physics a simulator is missing: where, what, how sure, and what it gains on test runs, which decide nothing.
+    """What physics a simulator is missing, with probabilities and a proof on held-out runs.
 
-    The simulator's free parameters are calibrated first, so that wrong numbers are not taken for missing physics.
+    The free parameters of the simulator are calibrated first, so that wrong numbers are not taken for missing physics. Three runs
+    of 11 h take about 15 s of one core.
 
-    Example: `rlgcomp diagnose --simulator gyro.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
+    Example: `rlgcomp diagnose --simulator simulator.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
     from rlgcomp.errors import InputError

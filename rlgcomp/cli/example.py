@@ -19,7 +19,9 @@ def example(
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Folder to write, replaced as a whole.", show_default="the kind's name"),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams: the same seed gives the same files.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Seed of all random streams: the same seed gives the same files.")
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Write example data: the files that README and tutorials use.

@@ -30,23 +30,33 @@ def export(
         list[Path],
         typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it; three for an autopilot: gyros x, y, z."),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder to write; an earlier run's is replaced.")],
-    to: Annotated[str, typer.Option("--to", help="Target: c, onnx, or an autopilot's parameters: px4 or ardupilot.")] = "c",
-    precision: Annotated[str, typer.Option(help="double or float.")] = "double",
-    no_libm: Annotated[bool, typer.Option("--no-libm", help="Call nothing of the C library's mathematics.")] = False,
-    max_bytes: Annotated[int | None, typer.Option("--max-bytes", help="Budget of the model's constant tables, in bytes.")] = None,
-    max_centres: Annotated[int | None, typer.Option("--max-centres", help="Budget of kernel centres.")] = None,
-    smallest: Annotated[bool, typer.Option("--smallest", help="The smallest model within 1 % of the best.")] = False,
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder to write, replaced as a whole.")],
+    to: Annotated[
+        str, typer.Option("--to", metavar="TARGET", help="c, onnx, or an autopilot's parameters: px4 or ardupilot.")
+    ] = "c",
+    precision: Annotated[str, typer.Option(metavar="NAME", help="Arithmetic of the code: double or float.")] = "double",
+    no_libm: Annotated[bool, typer.Option("--no-libm", help="Code without the mathematics of the C library.")] = False,
+    max_bytes: Annotated[int | None, typer.Option("--max-bytes", metavar="N", help="Most bytes of constant tables.")] = None,
+    max_centres: Annotated[int | None, typer.Option("--max-centres", metavar="N", help="Most kernel centres.")] = None,
+    smallest: Annotated[
+        bool,
+        typer.Option(
+            "--smallest", help="Use the smallest model whose error with training runs left out is within 1 % of the least."
+        ),
+    ] = False,
     test: Annotated[
         list[str] | None,
-        typer.Option("--test", metavar="RUN...", help="Runs not trained on: every sample is compared."),
+        typer.Option("--test", metavar="RUN...", help="Recordings not trained on, whose every sample is compared as well."),
     ] = None,
-    no_board: Annotated[bool, typer.Option("--no-board", help="Skip the comparison on an emulated board, which is slow.")] = False,
+    no_board: Annotated[bool, typer.Option("--no-board", help="No comparison on an emulated board.")] = False,
     instance: Annotated[
-        int, typer.Option("--instance", min=0, max=3, help="Of px4 and ardupilot: which IMU of the autopilot, from 0.")
+        int, typer.Option("--instance", min=0, max=3, metavar="N", help="Of px4 and ardupilot: number of the IMU, from 0.")
     ] = 0,
     offset: Offset = None,
-    name: Annotated[str | None, typer.Option(help="What files and identifiers begin with; by default the model's name.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Beginning of the names of files and identifiers; unless given, the name of the model."),
+    ] = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
@@ -54,7 +64,9 @@ def export(
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Code for the box, compiled and compared with Python sample by sample where a compiler is found.
+    """C code for the navigation computer, compiled and compared with Python at every sample.
+
+    Compilers that are found are used; a Cortex-M4 is emulated where QEMU is installed, which takes minutes for runs of many hours.
 
     Example: `rlgcomp export models/unit-17 --to c --precision float --smallest --test new.parquet --out unit-17-c`
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Jobs, command, progress
+from rlgcomp.cli.base import AsJson, Gyro, Jobs, command, progress
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table
 
@@ -21,20 +21,22 @@ def fleet(
         typer.Argument(metavar="UNITS.csv", help="Columns unit and train, for diagnose also test and simulator; ';' between runs."),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for one folder a unit, and fleet.json.")],
-    model: Annotated[str, typer.Option(help="Of train: as for `rlgcomp train`.")] = "lssvm",
-    features: Annotated[str, typer.Option(help="Of train: as for `rlgcomp train`.")] = "all",
-    averaging_s: Annotated[float, typer.Option(help="Of train: the model is trained on means over this time.")] = 100.0,
+    model: Annotated[str, typer.Option(metavar="NAME", help="Of train: as for `rlgcomp train`.")] = "lssvm",
+    features: Annotated[str, typer.Option(metavar="NAME,NAME,...", help="Of train: as for `rlgcomp train`.")] = "all",
+    averaging_s: Annotated[float, typer.Option(metavar="S", help="Of train: averaging time in s.")] = 100.0,
     keep_mean: Annotated[bool, typer.Option("--keep-mean", help="Of train: as for `rlgcomp train`.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of diagnose: seed of all random streams.")] = 0,
+    gyro: Gyro = None,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of diagnose: seed of all random streams.")] = 0,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work.")
     ] = None,
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Train or diagnose many gyros: each a task of its own; what fails is reported and the rest finished.
+    """Train or diagnose many gyros at once.
 
-    Given again after it was stopped, it goes on with what is not done yet.
+    Each unit is a task of its own: failures are reported and the others finished. The same command resumes a
+    fleet that was stopped.
 
     Example: `rlgcomp fleet train units.csv --out models --jobs 2`
     """
@@ -47,8 +49,10 @@ def fleet(
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     tasks: dict[str, Task] = {
-        "train": functools.partial(train_unit, model=model, features=features, averaging_s=averaging_s, keep_mean=keep_mean),
-        "diagnose": functools.partial(diagnose_unit, seed=seed),
+        "train": functools.partial(
+            train_unit, model=model, features=features, averaging_s=averaging_s, keep_mean=keep_mean, gyro=gyro
+        ),
+        "diagnose": functools.partial(diagnose_unit, seed=seed, gyro=gyro),
     }
     if task not in tasks:
         raise InputError(f"the task {task!r} is unknown; give train or diagnose")

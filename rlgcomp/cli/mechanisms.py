@@ -18,11 +18,15 @@ if TYPE_CHECKING:
 
 @command("mechanisms", several=("--mechanisms",))
 def mechanisms(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Of one mechanism: everything about it.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="Mechanism to describe; all are listed unless given.")
+    ] = None,
     files: MechanismFiles = None,
     as_json: AsJson = False,
 ) -> None:
-    """The mechanisms that a simulator file may hold and a diagnosis tries; of one, its parameters with units and bounds.
+    """Mechanisms that a simulator file may hold and that a diagnosis tries.
+
+    Of one mechanism: its equation, its source, and its parameters with units and bounds.
 
     Example: `rlgcomp mechanisms thermal_hysteresis`
     """

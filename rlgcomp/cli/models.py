@@ -25,9 +25,9 @@ def models(
     calibration: CalibrationFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """List a folder's models, verify each (checksums, numbers, golden vectors, the code next to it) and compare them.
+    """Models of a folder: listed, verified and compared.
 
-    Ends with exit code 2 if one cannot be used.
+    Verified are checksums, numbers, golden vectors and code beside the model. The exit code is 2 if a model cannot be used.
 
     Example: `rlgcomp models models --on new.parquet`
     """

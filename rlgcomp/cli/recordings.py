@@ -33,7 +33,7 @@ def inspect(
     period_s: PeriodS = None,
     as_json: AsJson = False,
 ) -> None:
-    """What a recording holds and what is wrong with it.
+    """Content and faults of recordings.
 
     Example: `rlgcomp inspect cold.parquet hot.csv --map gyro_deg_h='Gyro Z [deg/s]'`
     """
@@ -65,32 +65,40 @@ def inspect(
 
 @command("merge")
 def merge(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording with the gyro; its rows and its clock stay.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording with the gyro, whose rows and clock are kept.")],
     other: Annotated[Path, typer.Argument(metavar="OTHER", help="File of another logger of the same run; it need have no gyro.")],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write.")],
     offset_s: Annotated[
-        float | None, typer.Option("--offset-s", help="Added to the time of OTHER; by default found from a channel that both have.")
+        float | None,
+        typer.Option(
+            "--offset-s",
+            metavar="S",
+            help="Seconds added to the time of OTHER; unless given, estimated from a channel that both have.",
+        ),
     ] = None,
-    drift_ppm: Annotated[float | None, typer.Option("--drift-ppm", help="By how much the clock of OTHER is slow.")] = None,
+    drift_ppm: Annotated[
+        float | None, typer.Option("--drift-ppm", metavar="PPM", help="Drift in ppm by which the clock of OTHER is slow.")
+    ] = None,
     shared: Annotated[
         str | None, typer.Option("--shared", metavar="COLUMN=COLUMN", help="Column of RUN and column of OTHER of one quantity.")
     ] = None,
     averaging_s: Annotated[
         float | None,
-        typer.Option("--averaging-s", help="Means over this time, for channels of OTHER that are too fast."),
+        typer.Option("--averaging-s", metavar="S", help="Averaging time in s, for channels of OTHER that are too fast."),
     ] = None,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,
     period_s: Annotated[
-        float | None, typer.Option("--period-s", help="Sample period, of those of the two that have no time column.")
+        float | None, typer.Option("--period-s", metavar="S", help="Sample period in s of the files that have no time column.")
     ] = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Two loggers of one run as one recording, each with its own clock and period.
+    """Files of two loggers of one run as one recording.
 
-    Offset and drift of the clocks are found where both logged one quantity, or stated. Only slow channels are interpolated.
+    Each logger has a clock and a period of its own. Offset and drift of the clocks are estimated where both logged one quantity, or
+    stated. Only slow channels are interpolated.
     A .yaml beside each file maps its own columns.
 
     Example: `rlgcomp merge gyro.csv thermometers.csv --out run.parquet`

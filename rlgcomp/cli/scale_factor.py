@@ -22,18 +22,27 @@ def scale_factor(
     runs: Runs,
     out: Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="Result file to write.")] = None,
     revolutions: Annotated[
-        int | None, typer.Option(min=1, help="Revolutions of one repeat and direction; by default as many as follow each other.")
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Revolutions of one repeat and direction; unless given, as many as follow each other."
+        ),
     ] = None,
-    reference_deg: Annotated[float, typer.Option(help="Encoder reading at which revolutions begin and end.")] = 0.0,
-    rate_deg_s: Annotated[float | None, typer.Option(help="Rate whose scale factor is corrected, where there are several.")] = None,
+    reference_deg: Annotated[
+        float, typer.Option(metavar="DEG", help="Reading of the encoder in deg at which revolutions begin and end.")
+    ] = 0.0,
+    rate_deg_s: Annotated[
+        float | None, typer.Option(metavar="RATE", help="Rate in deg/s whose scale factor is corrected, where there are several.")
+    ] = None,
     conventional: Annotated[
-        float | None, typer.Option(metavar="ARCSEC", help="Conventional scale factor, where no recording gives one.")
+        float | None,
+        typer.Option(metavar="ARCSEC", help="Conventional scale factor in arcsec per pulse, where no recording gives one."),
     ] = None,
     stated: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUE",
-            help="A table's stated largest error: positioning_arcsec, wobble_arcsec, setting_arcsec, runout_arcsec or sync_arcsec.",
+            help="A stated largest error of the table in arcsec: positioning_arcsec, wobble_arcsec, setting_arcsec, "
+            "runout_arcsec or sync_arcsec.",
         ),
     ] = None,
     gyro: Gyro = None,
@@ -44,13 +53,13 @@ def scale_factor(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Scale factor of a rate-biased gyro, corrected for its mounting angle.
+    """Scale factor of one gyro, corrected for the angle at which it is mounted.
 
     Recordings in which `table_angle_deg` turns both ways give the conventional scale factor, at each rate they hold; recordings in
     which `angle_outer_deg` turns with `angle_inner_deg` at rest, at three or more angles, give the mounting angle; both together
     give K. Any number of measurements may be in one file.
 
-    Example: `rlgcomp scale-factor turning.parquet position*.parquet --out scale-factor.json`
+    Example: `rlgcomp scale-factor to-and-fro.parquet positions.parquet --out unit-17.json`
     """
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
     from rlgcomp.files import is_result, require_replaceable, require_writable, write_result

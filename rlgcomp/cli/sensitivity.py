@@ -40,12 +40,18 @@ def sensitivity(
     runs: Runs,
     mechanism: Annotated[str, typer.Option("--mechanism", "-m", metavar="NAME", help="Mechanism to inject and find.")],
     strengths: Annotated[
-        str, typer.Option(help="Strengths to try: the part that the simulator cannot absorb over the white noise of (100 s) means.")
+        str,
+        typer.Option(
+            metavar="RATIO,RATIO,...", help="Strengths to try: rms that the simulator cannot fit / white noise of a 100 s mean."
+        ),
     ] = "0.1,0.2,0.4,0.8,1.6",
     draws: Annotated[
-        int, typer.Option(min=1, help="Trials a strength, each with other nonlinear parameters and signs; equal ones count once.")
+        int,
+        typer.Option(
+            min=1, metavar="N", help="Trials a strength, each with other nonlinear parameters and signs; equal ones count once."
+        ),
     ] = 6,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the trials.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the trials.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for curves and trials, replaced as a whole.")
     ] = None,
@@ -59,12 +65,16 @@ def sensitivity(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Inject a mechanism into your own recordings at growing strengths: from which on is it detected, from which on named?
+    """Smallest effect of a mechanism that would be detected, and identified, in your own recordings.
 
-    Detected means that the mismatch has a p-value below 0.01; named, that the most probable set of mechanisms holds it, at
-    any p-value: a faint effect may be named in more trials than it is detected in. Every trial is a diagnosis of the runs.
+    The mechanism is injected at growing strengths, and every trial is a diagnosis of the runs. Detected: the p-value of the
+    mismatch is below 0.01. Named (identified): the most probable set of mechanisms holds it, at any p-value; a faint effect may be
+    named in more trials than it is detected in.
 
-    Example: `rlgcomp sensitivity gyro.yaml cold.parquet hot.parquet --mechanism supply_voltage --jobs 2`
+    Thirty trials on two runs of 11 h take 0.5 to 4 minutes of one core: --jobs shares them out, fewer
+    --draws shorten them.
+
+    Example: `rlgcomp sensitivity simulator.yaml cold.parquet hot.parquet --mechanism supply_voltage --jobs 2`
     """
     from rlgcomp.challenge.sensitivity import sensitivity as measure
     from rlgcomp.errors import InputError

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 SimulatorFile = Annotated[Path, typer.Argument(metavar="SIM.yaml", help="Simulator file.")]
-Out = Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write; its ending chooses the format.")]
+Out = Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write: .parquet, .csv, .csv.gz, .h5 or .mat.")]
 
 
 @command("simulate", several=("--mechanisms",))
@@ -40,18 +40,23 @@ def simulate(
     profile: Annotated[
         str | None,
         typer.Option(
-            help="Chamber programme: a preset (paper, reversed, minor-loops, slow, short), a .yaml, or 'start 20, hold 60, ...'. "
-            "Turntable programme: rates, other-rates, sweeps, slow-turns, to-and-fro, short-turns, a .yaml, or 'rate 10 600, ...'. "
-            "Default: paper or rates."
+            metavar="NAME|TEXT|FILE",
+            help="Chamber programme: paper, reversed, minor-loops, slow, short, a .yaml, or steps: 'start 20, hold 60, ramp -40 "
+            "1' is "
+            "20 degC, 60 min there, then to -40 degC at 1 degC/min. Turntable programme: rates, other-rates, sweeps, slow-turns, "
+            "to-and-fro, short-turns, a .yaml, or steps: 'rate 10 600, rest 120, sweep -1 1 1800' is 10 deg/s for 600 s, rest for "
+            "120 s, from -1 to 1 deg/s in 1800 s. Unless given, paper or rates.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random streams.")] = 0,
-    step_s: Annotated[float, typer.Option(help="Sample period in s.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random streams.")] = 0,
+    step_s: Annotated[float, typer.Option(metavar="S", help="Sample period in s.")] = 1.0,
     mechanisms: MechanismFiles = None,
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Make a recording, with each mechanism's contribution kept as truth (columns truth_...).
+    """Make a recording of a simulator file.
+
+    Contributions of the mechanisms are stored as columns truth_...
 
     Example: `rlgcomp simulate gyro.yaml --profile 'start 20, hold 60, ramp -40 1, hold 120' --seed 1 --out cold.parquet`
 
@@ -88,7 +93,7 @@ def predict(
     run: Annotated[
         str,
         typer.Argument(
-            metavar="RUN", help="Recording whose monitors drive the simulator. RUN@START:STOP takes an interval in seconds."
+            metavar="RUN", help="Recording whose monitors drive the simulator. RUN@START:STOP is an interval in seconds."
         ),
     ],
     out: Out,
@@ -100,9 +105,9 @@ def predict(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """The gyro that a simulator expects, given a recording's own monitors: the same rows, without noise.
+    """The gyro that a simulator predicts from the monitors of a recording.
 
-    Effects that no two runs repeat (random jumps) are left out as well.
+    The prediction has the rows of the recording and no noise. Effects that no two runs repeat (random jumps) are left out.
 
     Example: `rlgcomp predict gyro.yaml run.parquet --out predicted.parquet`
     """

@@ -13,6 +13,34 @@ TIME: Final = "time_s"
 GYRO_UNITS: Final = ("_deg_h", "_deg_s", "_pulses")
 ENCODERS: Final = ("table_angle_deg", "angle_inner_deg", "angle_outer_deg")
 FEWEST_ROWS: Final = 3
+AXES: Final = "`_x_`, `_y_`, `_z_`"
+STANDARD: Final = {  # names of columns and what they hold; the unit is the end of the name
+    "time_s": "time, increasing; its steps are equal but for gaps",
+    "gyro_deg_h": "rate of a gyro",
+    "gyro_deg_s": "rate of a gyro",
+    "gyro_pulses": "signed pulses in the sample; needs `pulse_arcsec` (metadata, `--pulse-arcsec` or a calibration)",
+    "gyro_x_deg_h": f"one of three gyros: {AXES}; also `_deg_s`, `_pulses`",
+    "accel_x_m_s2": f"specific force: {AXES}; also `accel_x_m_s`, velocity increments",
+    "temperature_block_degC": "thermometer on the gyro's block: the leading one in features and mechanisms",
+    "temperature_shell_degC": "thermometer on the shell: its difference from the block is the gradient",
+    "temperature_<place>_degC": "any further thermometer",
+    "light_intensity_V": "light of the path-length control",
+    "readout_a_V": "one readout photodiode (rms)",
+    "readout_b_V": "the other: their difference is a feature",
+    "supply_voltage_V": "supply voltage",
+    "discharge_current_a_mA": "discharge current of one anode",
+    "discharge_current_b_mA": "of the other",
+    "magnetic_field_uT": "magnetic field",
+    "pressure_hPa": "ambient pressure",
+    "table_angle_deg": "angle of a table of one axis",
+    "table_rate_deg_s": "its rate",
+    "angle_inner_deg": "inner axis of a table of two axes",
+    "angle_outer_deg": "its outer axis",
+    "compensation_deg_h": "written by `compensate`: the estimated bias",
+    "compensation_half_width_deg_h": "written by `compensate`: half width of its 90 % interval",
+    "compensation_out_of_range": "written by `compensate`: 1 where an input is outside the training range",
+    "truth_<mechanism>_deg_h": "written by `simulate`: contribution of a mechanism",
+}
 _LARGEST: Final = float(np.finfo(np.float64).max)
 
 
