@@ -9,7 +9,7 @@ from rlgcomp import units
 from rlgcomp.calibration.triad import strapdown
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.numerics import frames
-from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, TriadErrors
+from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, ErrorParameter, TriadErrors
 from rlgcomp.simulation.two_axis_table import PROGRAMMES, TwoAxisProgramme
 from tests.triads import SHORT, SILENT, STEP_S
 
@@ -72,6 +72,40 @@ def test_sensitivities_are_the_derivatives(name: str) -> None:
         )
         off = (other.velocity_m_s - trajectory.velocity_m_s)[::200, :2]
         assert size * linear.velocity[:, :2, column] == pytest.approx(off, abs=1e-3 * np.abs(off).max() + 1e-9), parameter.name
+
+
+def test_sums_over_epochs_are_those_over_samples() -> None:
+    """Sensitivities by sums within epochs against the same integrals taken sample by sample."""
+    rng = np.random.default_rng(4)
+    n, every, step_s = 1003, 50, 0.02
+    earth = np.array([0.0, 3e-3, 4e-3])  # a fast Earth, which turns far within an epoch
+    turned, moved = 0.01 * rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    trajectory = strapdown.integrate(turned, moved, step_s, np.eye(3), earth, 9.8)
+    quick = strapdown.sensitivity(trajectory, every, GYRO, ACCELEROMETER).joined(
+        strapdown.earth_sensitivity(trajectory, every, 1e-3)
+    )
+    turn = strapdown.earth_turn(earth, trajectory.time_s)
+    half = strapdown.earth_turn(earth, trajectory.time_s[:-1] + 0.5 * step_s)
+    middle = 0.5 * (trajectory.C_bi[1:] + trajectory.C_bi[:-1])
+    fixed = np.swapaxes(0.5 * (turn[1:] + turn[:-1]), 1, 2)
+
+    def tilted(driven: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        phi = np.einsum("nij,nj->ni", turn, np.vstack([np.zeros(3), np.cumsum(driven, axis=0)]))
+        angle = np.vstack([np.zeros(3), np.cumsum(0.5 * (phi[1:] + phi[:-1]), axis=0)])
+        return phi[::every], 9.8 * step_s * np.stack([-angle[:, 1], angle[:, 0], 0.0 * angle[:, 0]], axis=1)[::every]
+
+    def drive(increments: np.ndarray, parameter: ErrorParameter) -> np.ndarray:
+        return np.full(n, step_s) if parameter.column is None else increments[:, parameter.column]
+
+    plain = [tilted(-one.si * drive(turned, one)[:, None] * middle[:, :, one.row]) for one in GYRO]
+    for one in ACCELEROMETER:
+        level = np.einsum("nij,nj->ni", half, one.si * drive(moved, one)[:, None] * middle[:, :, one.row])
+        velocity = np.vstack([np.zeros(3), np.cumsum(level, axis=0)])[::every]
+        plain.append((np.zeros_like(velocity), velocity))
+    plain += [tilted(1e-3 * step_s * fixed[:, :, axis]) for axis in (1, 2)]
+    for k, (tilt, velocity) in enumerate(plain):
+        assert quick.tilt[:, :, k] == pytest.approx(tilt, rel=1e-10, abs=1e-12 * np.abs(tilt).max())
+        assert quick.velocity[:, :, k] == pytest.approx(velocity, rel=1e-10, abs=1e-12 * np.abs(velocity).max())
 
 
 def test_on_a_flat_earth_at_rest_the_first_step_has_the_papers_corrected_form(monkeypatch: pytest.MonkeyPatch) -> None:

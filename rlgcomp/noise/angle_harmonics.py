@@ -36,7 +36,7 @@ HIGHEST_ORDER: Final = 100
 FALSE_ALARM: Final = float(np.exp(-18.0))  # of |c| > 6 sd of one component
 FEWEST_SEGMENTS: Final = 8
 MOST_SEGMENTS: Final = 150
-CHUNK: Final = 8192  # rows at a time; their powers stay in the processor's cache
+CHUNK: Final = 2048  # rows at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,8 +139,9 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
     orders = np.arange(1, highest + 1)
     means = np.zeros((segments, len(rates_deg_h), highest), dtype=np.complex128)
     for segment in range(segments):
-        for rows, powers in _powers(angle_deg, orders, int(ends[segment]), int(ends[segment + 1])):
-            means[segment] += np.stack([rate[rows] for rate in rates_deg_h]) @ powers.conj()
+        for rows, cosines, sines in _waves(angle_deg, orders, int(ends[segment]), int(ends[segment + 1])):
+            rates = np.stack([rate[rows] for rate in rates_deg_h])
+            means[segment] += rates @ cosines - 1j * (rates @ sines)
         means[segment] *= 2.0 / max(ends[segment + 1] - ends[segment], 1)
         advance(segment + 1, segments)
     mean = means.mean(axis=0)
@@ -169,8 +170,8 @@ def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, order
         return Harmonics(chosen, np.zeros(0, dtype=np.complex128), np.zeros(0))
     width = 2 * len(chosen) + 1
     normal, right = np.zeros((width, width)), np.zeros(width)
-    for rows, powers in _powers(angle_deg, chosen, 0, len(angle_deg)):
-        design = np.hstack([powers.real, -powers.imag, np.ones((len(powers), 1))])
+    for rows, cosines, sines in _waves(angle_deg, chosen, 0, len(angle_deg)):
+        design = np.hstack([cosines, -sines, np.ones((len(cosines), 1))])
         normal += design.T @ design
         right += design.T @ rate_deg_h[rows]
     solution = np.linalg.solve(normal, right)
@@ -188,20 +189,25 @@ def without(rate_deg_h: Array, angle_deg: Array, harmonics: Harmonics) -> Array:
     """
     clean = np.array(rate_deg_h)
     if len(harmonics.orders):
-        for rows, powers in _powers(angle_deg, harmonics.orders, 0, len(angle_deg)):
-            clean[rows] -= (powers @ harmonics.coefficient_deg_h).real
+        for rows, cosines, sines in _waves(angle_deg, harmonics.orders, 0, len(angle_deg)):
+            clean[rows] -= cosines @ harmonics.coefficient_deg_h.real - sines @ harmonics.coefficient_deg_h.imag
     return clean
 
 
-def _powers(angle_deg: Array, orders: npt.NDArray[np.int64], first: int, last: int) -> Iterator[tuple[slice, Complex]]:
-    """exp(i k angle) of ascending orders, chunk by chunk, each by multiplication of the previous one."""
-    steps = np.diff(orders, prepend=0)
+def _waves(angle_deg: Array, orders: npt.NDArray[np.int64], first: int, last: int) -> Iterator[tuple[slice, Array, Array]]:
+    """Cosines and sines of ascending orders of the angle, chunk by chunk, each by the addition theorem from the previous one."""
+    steps = np.diff(orders, prepend=0).tolist()
     for start in range(first, last, CHUNK):
         rows = slice(start, min(start + CHUNK, last))
-        unit = np.exp(1j * RAD_PER_DEG * np.remainder(angle_deg[rows], 360.0))
-        powers = np.empty((len(unit), len(orders)), dtype=np.complex128, order="F")
-        current = np.ones_like(unit)
-        for k, step in enumerate(steps.tolist()):
-            current = current * (unit if step == 1 else unit**step)
-            powers[:, k] = current
-        yield rows, powers
+        angle = RAD_PER_DEG * np.remainder(angle_deg[rows], 360.0)
+        units = {step: (np.cos(step * angle), np.sin(step * angle)) for step in set(steps)}
+        cosines, sines = (np.empty((len(angle), len(orders)), order="F") for _ in range(2))
+        c, s, part = np.ones_like(angle), np.zeros_like(angle), np.empty_like(angle)
+        for k, step in enumerate(steps):
+            cosine, sine = units[step]
+            np.multiply(c, cosine, out=cosines[:, k])
+            cosines[:, k] -= np.multiply(s, sine, out=part)
+            np.multiply(s, cosine, out=sines[:, k])
+            sines[:, k] += np.multiply(c, sine, out=part)
+            c, s = cosines[:, k], sines[:, k]
+        yield rows, cosines, sines

@@ -50,11 +50,18 @@ def table_attitude(outer_deg: npt.ArrayLike, inner_deg: npt.ArrayLike) -> Array:
     """C_bn of a body on the table, shape (..., 3, 3)."""
     theta, phi = np.broadcast_arrays(*(np.asarray(angle, dtype=np.float64) * units.RAD_PER_DEG for angle in (outer_deg, inner_deg)))
     c, s, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
-    C_bp = np.empty((*theta.shape, 3, 3))
-    C_bp[..., 0, 0], C_bp[..., 0, 1], C_bp[..., 0, 2] = c * cp, -c * sp, s
-    C_bp[..., 1, 0], C_bp[..., 1, 1], C_bp[..., 1, 2] = sp, cp, 0.0
-    C_bp[..., 2, 0], C_bp[..., 2, 1], C_bp[..., 2, 2] = -s * cp, s * sp, c
-    return np.asarray(C_PN @ C_bp)
+    C_bn = np.empty((*theta.shape, 3, 3))
+    C_bn[..., 0, 0], C_bn[..., 0, 1], C_bn[..., 0, 2] = -sp, -cp, 0.0
+    C_bn[..., 1, 0], C_bn[..., 1, 1], C_bn[..., 1, 2] = c * cp, -c * sp, s
+    C_bn[..., 2, 0], C_bn[..., 2, 1], C_bn[..., 2, 2] = -s * cp, s * sp, c
+    return C_bn
+
+
+def table_up(outer_deg: Array, inner_deg: Array) -> Array:
+    """Direction of up in a body on the table, shape (n, 3): the last row of :func:`table_attitude`."""
+    theta, phi = outer_deg * units.RAD_PER_DEG, inner_deg * units.RAD_PER_DEG
+    s = np.sin(theta)
+    return np.stack([-s * np.cos(phi), s * np.sin(phi), np.cos(theta)], axis=1)
 
 
 # --- quaternions, shape (n, 4) ---------------------------------------------------------------------------------------------
@@ -70,38 +77,33 @@ def quaternion_of(rotation_vector: Array) -> Array:
     return q
 
 
-def product(p: Array, q: Array) -> Array:
-    """Quaternion product p q, broadcast over the leading axes."""
-    p0, p1, p2, p3 = np.moveaxis(p, -1, 0)
-    q0, q1, q2, q3 = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
-            p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
-            p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
-            p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
-        ],
-        axis=-1,
-    )
-
-
 def running_product(q: Array) -> Array:
-    """q_0, q_0 q_1, q_0 q_1 q_2, ...: in blocks, so that no step of the recording is a step of the interpreter."""
-    n = len(q)
-    block = max(1, math.isqrt(n))
-    blocks = -(-n // block)
-    padded = np.zeros((blocks * block, 4))
-    padded[:, 0] = 1.0
-    padded[:n] = q
-    within = padded.reshape(blocks, block, 4)
-    for k in range(1, block):
-        within[:, k] = product(within[:, k - 1], within[:, k])
-    before = np.zeros((blocks, 4))
-    before[0, 0] = 1.0
-    for k in range(1, blocks):
-        before[k] = product(before[k - 1], within[k - 1, -1])
-    running = product(before[:, None, :], within).reshape(-1, 4)[:n]
+    """q_0, q_0 q_1, q_0 q_1 q_2, ...: products of neighbours, running products of these, and those between."""
+    running = _running(np.ascontiguousarray(q.T)).T
     return np.asarray(running / np.linalg.norm(running, axis=1, keepdims=True))
+
+
+def _running(q: Array) -> Array:
+    """Running products of quaternions, shape (4, n)."""
+    n = q.shape[1]
+    running = np.empty_like(q)
+    running[:, :1] = q[:, :1]
+    if n > 1:
+        running[:, 1::2] = _running(_product(q[:, : n // 2 * 2 : 2], q[:, 1::2]))
+        running[:, 2::2] = _product(running[:, 1 : n - 1 : 2], q[:, 2::2])
+    return running
+
+
+def _product(p: Array, q: Array) -> Array:
+    """Quaternion products p q, shape (4, n)."""
+    p0, p1, p2, p3 = p
+    q0, q1, q2, q3 = q
+    result = np.empty_like(q, order="C")
+    result[0] = p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3
+    result[1] = p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2
+    result[2] = p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1
+    result[3] = p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0
+    return result
 
 
 def matrix_of(q: Array) -> Array:

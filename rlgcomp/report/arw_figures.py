@@ -6,11 +6,12 @@ from typing import Final
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
-from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, svg
+from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
 from rlgcomp.units import SECONDS_PER_HOUR
 
 LEGEND: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
@@ -37,6 +38,7 @@ def orders(one: AngleRandomWalk) -> str:
             )
         axes.plot(spectrum.orders, 6.0 * spectrum.sd_deg_h, color=WARM, lw=1.0, ls="--", label="6 standard deviations")
         axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(Powers())
         axes.set_ylim(amplitude.min() / 2, 3.0 * amplitude.max())
         axes.set_xlabel("order (cycles in a revolution)")
         axes.set_ylabel("amplitude in deg/h")
@@ -85,6 +87,7 @@ def allan(one: AngleRandomWalk) -> str:
         n, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
         axes.fill_between(tau, 60 * (n - 2 * sd) / np.sqrt(tau), 60 * (n + 2 * sd) / np.sqrt(tau), color=FLOOR, alpha=0.25, lw=0)
         axes.loglog(tau, 60 * n / np.sqrt(tau), color=FLOOR, lw=1.2, ls="--", label=f"N = {n:.3g} ± {sd:.1g} deg/√h")
+        _plain_powers(axes)
         axes.set_xlabel("averaging time in s")
         axes.set_ylabel("Allan deviation in deg/h")
         axes.set_title(f"Allan deviation, {_name(one)}")
@@ -105,6 +108,7 @@ def spectrum(one: AngleRandomWalk) -> str:
         axes.loglog(f[inside], fitted[inside], color=FIT, lw=1.5, label="fitted noises")
         axes.axhline((60 * one.angle_random_walk_deg_sqrt_h) ** 2, color=FLOOR, lw=1.2, ls="--", label="(60 N)²")
         axes.axvline(one.noise.highest_hz, color="#c4c8ce", lw=1.0, label="end of the fit")
+        _plain_powers(axes)
         axes.set_xlabel("frequency in Hz")
         axes.set_ylabel("(deg/h)²/Hz")
         axes.set_title(f"Spectrum of the residual, {_name(one)}")
@@ -115,6 +119,11 @@ def spectrum(one: AngleRandomWalk) -> str:
 def pictures(one: AngleRandomWalk) -> dict[str, str]:
     """All figures of one gyro, by name."""
     return {"orders": orders(one), "output": output(one), "allan": allan(one), "spectrum": spectrum(one)}
+
+
+def _plain_powers(axes: Axes) -> None:
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(Powers())
 
 
 def _name(one: AngleRandomWalk) -> str:

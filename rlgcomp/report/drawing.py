@@ -9,17 +9,18 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+from matplotlib.ticker import FixedFormatter, FuncFormatter, LogFormatterSciNotation, LogLocator
 
 from rlgcomp.errors import InputError
 from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE, column_unit, typeset
@@ -405,9 +406,20 @@ class Powers(LogFormatterSciNotation):
 
 def names_as_they_are(figure: Any) -> None:
     """Take a dollar sign in the name of a run or a column for one, not for the beginning of a formula."""
-    for text in figure.findobj(Text):
+    for text in _texts(figure):
         if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
             text.set_parse_math(False)
+
+
+def _texts(artist: Any) -> Iterator[Text]:
+    """Texts of a figure; of an axis with numbers for labels its name alone, since looking at the labels would make all of them."""
+    if isinstance(artist, Axis) and not isinstance(artist.get_major_formatter(), FixedFormatter | FuncFormatter):
+        yield artist.label
+    elif isinstance(artist, Text):
+        yield artist
+    else:
+        for child in artist.get_children():
+            yield from _texts(child)
 
 
 def svg(figure: Figure) -> str:

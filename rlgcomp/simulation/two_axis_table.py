@@ -215,13 +215,16 @@ class Triad:
         to_axes = frames.GYRO_AXES[self.gyro_axes]
         indicated = self.gyro.disturb(turned, step_s) @ to_axes
         sd_rad = self.angle_random_walk_deg_sqrt_h * units.RAD_PER_DEG * math.sqrt(step_s / units.SECONDS_PER_HOUR)
-        indicated += sd_rad * stream(seed, "angle_random_walk").standard_normal(indicated.shape)
+        if sd_rad:
+            indicated += sd_rad * stream(seed, "angle_random_walk").standard_normal(indicated.shape)
         if self.lock_in_deg_s:
             indicated += self._lock_in_kicks(turned @ to_axes, step_s, stream(seed, "lock_in"))
         velocity = self.accelerometer.disturb(accelerated, step_s)
         walk = self.velocity_random_walk_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY_M_S2 * math.sqrt(step_s)
-        velocity += walk * stream(seed, "velocity_random_walk").standard_normal(velocity.shape)
-        velocity += self.velocity_noise_m_s * np.diff(stream(seed, "velocity_noise").standard_normal((samples + 1, 3)), axis=0)
+        if walk:
+            velocity += walk * stream(seed, "velocity_random_walk").standard_normal(velocity.shape)
+        if self.velocity_noise_m_s:
+            velocity += self.velocity_noise_m_s * np.diff(stream(seed, "velocity_noise").standard_normal((samples + 1, 3)), axis=0)
         time_s = step_s * np.arange(1, samples + 1, dtype=np.float64)
         outer, inner, _, _ = programme.motion(time_s)
         resolution_deg = self.encoder_arcsec / units.ARCSEC_PER_DEG

@@ -13,6 +13,8 @@ G. J. Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977)
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 from scipy import linalg
@@ -68,8 +70,8 @@ class SquareRootInformation:
         """
         driven = len(noise)
         moved = self.R @ inverse
-        stacked = np.zeros((driven + self.states + len(Z), driven + self.states + 1))
-        stacked[:driven, :driven] = np.eye(driven)
+        stacked = np.zeros((driven + self.states + len(Z), driven + self.states + 1), order="F")
+        stacked[range(driven), range(driven)] = 1.0
         stacked[driven : driven + self.states, :driven] = -moved[:, :driven] @ noise
         stacked[driven : driven + self.states, driven:-1] = moved
         stacked[driven : driven + self.states, -1] = self.z
@@ -102,5 +104,11 @@ class SquareRootInformation:
 
 
 def _triangle(rows: Array) -> Array:
-    packed, _, _, _ = linalg.lapack.dgeqrf(rows)
-    return np.triu(packed)
+    packed, _, _, _ = linalg.lapack.dgeqrf(rows, overwrite_a=True)
+    return np.where(_upper(*packed.shape), packed, 0.0)
+
+
+@functools.lru_cache(maxsize=16)
+def _upper(rows: int, columns: int) -> npt.NDArray[np.bool_]:
+    """Where a triangle's numbers are, in the order of LAPACK."""
+    return np.asfortranarray(~np.tri(rows, columns, -1, dtype=bool))

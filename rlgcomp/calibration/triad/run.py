@@ -310,15 +310,10 @@ def _require_gravity(name: str, delta_v_m_s: Array, outer_deg: Array, inner_deg:
 
 def _misfit(up: Array, outer_deg: Array, inner_deg: Array, every: int) -> float:
     """Rms, over windows, of the measured direction of up less that of the encoders."""
-    residual = up - _encoder_up(outer_deg, inner_deg)
+    residual = up - frames.table_up(outer_deg, inner_deg)
     windows = len(residual) // every
     means = residual[: windows * every].reshape(windows, every, 3).mean(axis=1)
     return float(np.sqrt(np.mean(np.sum(means**2, axis=1))))
-
-
-def _encoder_up(outer_deg: Array, inner_deg: Array) -> Array:
-    """Direction of up in the body by the encoders, shape (n, 3)."""
-    return np.asarray(frames.table_attitude(outer_deg, inner_deg)[:, 2, :])
 
 
 def _other_axes(up: Array, outer: Array, inner: Array) -> Iterator[tuple[str, Readings]]:
@@ -359,7 +354,7 @@ def _outliers(run: TableRun) -> npt.NDArray[np.bool_]:
     turning = np.stack([outer * np.sin(phi), outer * np.cos(phi), inner], axis=1)
     far = _far_from_fit(run.delta_theta_rad, turning, _LEAST_ARCSEC * units.RAD_PER_ARCSEC)
     if run.delta_v_m_s is not None:
-        up = frames.table_attitude(theta_deg, phi / units.RAD_PER_DEG)[:, 2, :]
+        up = frames.table_up(theta_deg, phi / units.RAD_PER_DEG)
         far |= _far_from_fit(run.delta_v_m_s, up, _LEAST_M_S2 * run.step_s)
     speed = np.stack([outer, inner], axis=1)
     jerk = np.abs(np.diff(speed, axis=0, prepend=speed[:1]))

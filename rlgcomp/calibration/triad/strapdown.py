@@ -97,9 +97,9 @@ def integrate(
     corrected += (np.cross(previous_delta_theta, delta_v_m_s) + np.cross(previous_delta_v, delta_theta_rad)) / 12.0
     turns = np.vstack([[1.0, 0.0, 0.0, 0.0], frames.running_product(frames.quaternion_of(sigma))])
     C_bi: Array = C_bn @ frames.matrix_of(turns)
-    inertial = _rotated(C_bi[:-1], corrected)
+    inertial = np.einsum("nij,nj->ni", C_bi[:-1], corrected)
     time_s = step_s * np.arange(len(delta_theta_rad) + 1, dtype=np.float64)
-    level = _rotated(earth_turn(earth_rad_s, time_s[:-1] + 0.5 * step_s), inertial)
+    level = _turned_by_earth(earth_rad_s, time_s[:-1] + 0.5 * step_s, inertial)
     level[:, 2] -= gravity_m_s2 * step_s
     velocity: Array = np.vstack([np.zeros(3), np.cumsum(level, axis=0)])
     return Trajectory(time_s, C_bi, velocity, delta_theta_rad, delta_v_m_s, earth_rad_s, gravity_m_s2)
@@ -168,26 +168,33 @@ def sensitivity(
     every : int
         Samples from epoch to epoch.
     gyro, accelerometer : sequence of ErrorParameter
+
+    Notes
+    -----
+    Earth's turns commute, so that the turn at a sample is that at the beginning of its epoch and one within the epoch, alike in all
+    epochs. Sums over the samples of an epoch, weighted by the turns within it, are therefore matrix products, for all pairs of an
+    instrument's axis and what drives its error at once; the epochs are summed afterwards.
     """
-    n = len(trajectory.delta_theta_rad)
-    step_s = float(trajectory.time_s[1])
-    middle = 0.5 * (trajectory.C_bi[:-1] + trajectory.C_bi[1:])
-    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
-    half_turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s[:-1] + 0.5 * step_s)
-    epochs = n // every + 1
-    total = len(gyro) + len(accelerometer)
-    tilt, velocity = np.zeros((epochs, 3, total)), np.zeros((epochs, 3, total))
-    for column, parameter in enumerate(gyro):
-        drive = trajectory.delta_theta_rad[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
-        phi, velocity_m_s = _tilt_response(trajectory, turn, middle[:, :, parameter.row] * (-parameter.si * drive)[:, None])
-        tilt[:, :, column], velocity[:, :, column] = phi[::every], velocity_m_s[::every]
-    for column, parameter in enumerate(accelerometer, start=len(gyro)):
-        drive = trajectory.delta_v_m_s[:, parameter.column] if parameter.column is not None else np.full(n, step_s)
-        level = _rotated(half_turn, middle[:, :, parameter.row] * (parameter.si * drive)[:, None])
-        summed = np.zeros((n + 1, 3))
-        np.cumsum(level, axis=0, out=summed[1:])
-        velocity[:, :, column] = summed[::every]
-    return Sensitivity(tilt, velocity)
+    epochs, step_s = len(trajectory.delta_theta_rad) // every, float(trajectory.time_s[1])
+    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s[: epochs * every : every])
+    within = _Within.of(trajectory, every)
+    middle = (0.5 * (trajectory.C_bi[:-1] + trajectory.C_bi[1:]))[: epochs * every].reshape(epochs, every, 3, 3)
+
+    def summed(matrices: Array, increments: Array) -> Array:
+        """Sums over the samples of each epoch, shape (epochs, level axis, body axis, drive): drives are increments and the time."""
+        drives = np.concatenate([increments[: epochs * every], np.full((epochs * every, 1), step_s)], axis=1)
+        axes = np.swapaxes(matrices.reshape(epochs, every, 9), 1, 2)
+        return np.asarray((axes @ drives.reshape(epochs, every, 4)).reshape(epochs, 3, 3, 4))
+
+    def chosen(sums: Array, parameters: Sequence[ErrorParameter]) -> Array:
+        columns = [sums[:, :, one.row, 3 if one.column is None else one.column] * one.si for one in parameters]
+        return np.stack(columns, axis=2) if columns else np.zeros((epochs, 3, 0))
+
+    tilting = [-chosen(summed(matrices, trajectory.delta_theta_rad), gyro) for matrices in (middle, within.weights @ middle)]
+    tilt, velocity = _tilt_response(trajectory, within, *tilting)
+    forces = chosen(summed(within.middle @ middle, trajectory.delta_v_m_s), accelerometer)
+    moved = _accumulated(turn @ forces)
+    return Sensitivity(tilt, velocity).joined(Sensitivity(np.zeros_like(moved), moved))
 
 
 def earth_sensitivity(trajectory: Trajectory, every: int, si: float) -> Sensitivity:
@@ -205,23 +212,63 @@ def earth_sensitivity(trajectory: Trajectory, every: int, si: float) -> Sensitiv
     -----
     In :math:`\dot\varphi = -\omega_{ie} \times \varphi + \delta\omega_{ie}` it acts on the level frame as a bias acts on the body.
     """
-    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s)
-    fixed = np.swapaxes(0.5 * (turn[:-1] + turn[1:]), 1, 2)  # from the level frame to that at the start
+    epochs = len(trajectory.delta_theta_rad) // every
+    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s[: epochs * every : every])
+    within = _Within.of(trajectory, every)
+    fixed = np.swapaxes(0.5 * (within.ends[:-1] + within.ends[1:]), 1, 2)  # from the level frame to that at the start of the epoch
+    sums = [np.swapaxes(turn, 1, 2) @ part.sum(axis=0) for part in (fixed, within.weights @ fixed)]
     step = si * float(trajectory.time_s[1])
-    about = [_tilt_response(trajectory, turn, step * fixed[:, :, axis]) for axis in (1, 2)]
-    tilt, velocity = (np.stack([parts[k][::every] for parts in about], axis=2) for k in (0, 1))
-    return Sensitivity(tilt, velocity)
+    return Sensitivity(*_tilt_response(trajectory, within, *(step * one[:, :, 1:] for one in sums)))
 
 
-def _tilt_response(trajectory: Trajectory, turn: Array, driven: Array) -> tuple[Array, Array]:
-    """Tilt in rad and velocity in m/s caused by increments of the tilt in the level frame at the start."""
-    summed = np.zeros((len(driven) + 1, 3))
-    np.cumsum(driven, axis=0, out=summed[1:])
-    phi = _rotated(turn, summed)
-    tilted = np.zeros((len(driven) + 1, 2))
-    np.cumsum(0.5 * (phi[1:, :2] + phi[:-1, :2]), axis=0, out=tilted[1:])
+@dataclasses.dataclass(frozen=True)
+class _Within:
+    """Earth's turn from the beginning of an epoch to each of its samples, and what a tilt adds to the sum of the tilts after it.
+
+    Parameters
+    ----------
+    ends, middle : ndarray, shape (every + 1, 3, 3), (every, 3, 3)
+        At the ends and in the middle of each sample.
+    weights : ndarray, shape (every, 3, 3)
+        Of an increment in the trapezoidal sum over the rest of the epoch.
+    whole : ndarray, shape (3, 3)
+        The same of a tilt at the beginning.
+    """
+
+    ends: Array
+    middle: Array
+    weights: Array
+    whole: Array
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, every: int) -> _Within:
+        step_s = float(trajectory.time_s[1])
+        ends = earth_turn(trajectory.earth_rad_s, step_s * np.arange(every + 1.0))
+        after = np.cumsum(ends[:0:-1], axis=0)[::-1]  # of the turns at the ends of this sample and all later ones
+        middle = earth_turn(trajectory.earth_rad_s, step_s * (np.arange(every) + 0.5))
+        return cls(ends, middle, after - 0.5 * ends[-1], after[0] + 0.5 * (ends[0] - ends[-1]))
+
+
+def _tilt_response(trajectory: Trajectory, within: _Within, driven: Array, weighted: Array) -> tuple[Array, Array]:
+    """Tilt in rad and velocity in m/s at all epochs, shape (epochs + 1, 3, parameters), caused by increments of the tilt.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    within : _Within
+    driven, weighted : ndarray, shape (epochs, 3, parameters)
+        Sums of the increments over each epoch, in the level frame at the start, plain and weighted.
+    """
+    every = len(within.weights)
+    turn = earth_turn(trajectory.earth_rad_s, trajectory.time_s[: (len(driven) + 1) * every : every])
+    accumulated = _accumulated(driven)
+    tilted = _accumulated(turn[:-1] @ (within.whole @ accumulated[:-1] + weighted))
     tilted *= trajectory.gravity_m_s2 * float(trajectory.time_s[1])
-    return phi, np.column_stack([-tilted[:, 1], tilted[:, 0], np.zeros(len(tilted))])
+    return turn @ accumulated, np.stack([-tilted[:, 1], tilted[:, 0], np.zeros_like(tilted[:, 0])], axis=1)
+
+
+def _accumulated(sums: Array) -> Array:
+    return np.concatenate([np.zeros((1, *sums.shape[1:])), np.cumsum(sums, axis=0)])
 
 
 def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
@@ -229,5 +276,14 @@ def earth_turn(earth_rad_s: Array, time_s: npt.ArrayLike) -> Array:
     return frames.matrix_of(frames.quaternion_of(-np.multiply.outer(np.asarray(time_s, dtype=np.float64), earth_rad_s)))
 
 
-def _rotated(matrices: Array, vectors: Array) -> Array:
-    return np.asarray(np.einsum("nij,nj->ni", matrices, vectors))
+def _turned_by_earth(earth_rad_s: Array, time_s: Array, vectors: Array) -> Array:
+    """Vectors at many times, shape (n, 3), from the level frame at the start to that at each time, by Rodrigues' formula."""
+    rate = float(np.linalg.norm(earth_rad_s))
+    if rate == 0.0:
+        return vectors
+    x, y, z = axis = -earth_rad_s / rate
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = rate * time_s[:, None]
+    across = vectors @ cross.T
+    along = (vectors @ axis)[:, None] * axis
+    return np.asarray(along + np.cos(angle) * (vectors - along) + np.sin(angle) * across)
