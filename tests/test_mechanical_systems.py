@@ -38,9 +38,10 @@ def pendulum(swings: list[rlg.Recording]) -> Diagnosis:
 
 
 def test_a_pendulum_lacks_a_law_of_the_angle(pendulum: Diagnosis) -> None:
-    law = pendulum.members[0]
+    (law,) = pendulum.members
     assert law.drivers == ("angle_rad",)
     assert law.memory == "static"
+    assert law.equation == "b = odd function of angle_rad"
     assert pendulum.test is not None
     assert pendulum.test.improvement > 0.75
 

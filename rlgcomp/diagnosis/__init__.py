@@ -15,7 +15,9 @@ Rooms, each importing only from those before it:
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
     turning     rows and regions where a table turns
+    selections  terms in some of the runs, amplitudes by run
     lateness    thermometers that are late
+    clocks      the clock of a user's simulation
     nuisances   steps of the bias, biases of runs, late thermometers, stated numbers that are wrong
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.black_box import BlackBox
+from rlgcomp.diagnosis.clocks import clock_regions
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
@@ -191,7 +192,8 @@ class _Engine:
             regions = list(named(setting, self.candidates, present))
             regions += without_identities([*laws(setting, regions)], self.identities(data))
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        return bank, [*regions, *nuisances(data, baseline)], baseline
+        clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
+        return bank, [*regions, *nuisances(data, baseline), *clocks], baseline
 
     def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
         """The posterior of all sets, the simulator with its free shapes calibrated, and messages beside it."""

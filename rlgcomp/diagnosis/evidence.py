@@ -23,11 +23,12 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.bases import Basis, EachRun
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.errors import Errors, errors_of
 from rlgcomp.diagnosis.lateness import Late, Prediction
 from rlgcomp.diagnosis.noise import Noise, Whitened
+from rlgcomp.diagnosis.selections import OnlyIn
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
@@ -101,8 +102,20 @@ class Bank:
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""
         if basis not in self._columns:
-            self._columns[basis] = self.data.means(basis.columns)
+            self._columns[basis] = self._of_runs(basis) if isinstance(basis, OnlyIn | EachRun) else self.data.means(basis.columns)
         return self._columns[basis]
+
+    def _of_runs(self, basis: OnlyIn | EachRun) -> Array:
+        """Window means of a basis in some of the runs, of those that are known of it in all."""
+        every, rows = self.columns(basis.basis), zip(self.data.runs, self.data.slices, strict=True)
+        of_run = {run.name: part for run, part in rows if run.name in basis.runs}
+        found = []
+        for runs in [basis.runs] if isinstance(basis, OnlyIn) else [(name,) for name in basis.runs]:
+            table = np.zeros_like(every)
+            for part in (of_run[name] for name in runs if name in of_run):
+                table[part] = every[part]
+            found.append(table)
+        return np.hstack(found)
 
     def scaled(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         """The bases of a form and their scales: what the baseline cannot absorb has a mean square of one; None where it has all."""

@@ -12,12 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import equations
+from rlgcomp.diagnosis.bases import Basis, EachRun, Power
 from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
+from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
@@ -96,6 +99,8 @@ class Cause:
     rival_probabilities : tuple of float
     mechanism : type of Mechanism, optional
         Of that name.
+    runs : mapping of str to float
+        Root mean square by run, where it acts in some of the training runs, or by another amplitude in each.
     terms : callable
         What of it holds in other runs, as mechanisms.
     """
@@ -115,6 +120,7 @@ class Cause:
     indistinguishable_from: tuple[str, ...] = ()
     rival_probabilities: tuple[float, ...] = ()
     mechanism: type[Mechanism] | None = None
+    runs: Mapping[str, float] = dataclasses.field(default_factory=dict)
     terms: Callable[[], Sequence[Mechanism]] = tuple
 
     @property
@@ -171,6 +177,7 @@ class Cause:
             "drivers": list(self.drivers),
             "memory": self.memory,
             "rms": {"value": self.rms, "unit": self.unit},
+            **({"rms_by_run": {name: {"value": rms, "unit": self.unit} for name, rms in self.runs.items()}} if self.runs else {}),
             "indistinguishable_from": list(self.indistinguishable_from),
             "rival_probabilities": list(self.rival_probabilities),
         }
@@ -205,7 +212,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     k, region = members.index(one.region), posterior.regions[one.region]
     form = fit.state.members[k].form
     mechanism = common["mechanism"]
-    estimates = fit.parameters(k, mechanism)
+    estimates = fit.parameters(k, mechanism) if mechanism is not None else _of_law(fit, k, unit)
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
     contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
     return Cause(
@@ -217,9 +224,35 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         memory=region.memory,
         function=function_of(fit, k),
         rms=float(np.std(contribution)),
+        runs=_by_run(fit, k),
         terms=functools.partial(mechanisms_of, fit, k, catalogue),
         **common,
     )
+
+
+def _of_law(fit: Fit, k: int, unit: str) -> dict[str, Estimate]:
+    """Coefficients of a law's equation: c of a sign, k of a column; none where another basis leads."""
+    member, bases = fit.parts[k]
+    weights, covariance = fit.weights(k), fit.solution.covariance[fit.inside(k), fit.inside(k)]
+    found: dict[str, Estimate] = {}
+    for j, lead in enumerate(member.form.lead):
+        if isinstance(lead, Sign):
+            name, per = "c", unit
+        elif isinstance(lead, Power) and lead.degree == 1 and lead.path.memory == "none":
+            name, per = "k", f"{unit}/({column_unit(lead.path.driver.columns[0]) or 'unit'})"
+        else:
+            return {}
+        scale = bases[j][1] * lead.per_unit()
+        found[name] = Estimate(float(weights[j] * scale), float(np.sqrt(covariance[j, j])) * scale, per)
+    return found
+
+
+def _by_run(fit: Fit, k: int) -> dict[str, float]:
+    """Root mean squares by run of a member that is not the same in all; else none."""
+    form = fit.state.members[k].form
+    if not runs_of(form) and not by_run(form):
+        return {}
+    return {run.name: float(np.std(run.window_means(fit.term(k, run)))) for run in fit.data.runs}
 
 
 def _telegraph(fit: Fit, common: Mapping[str, Any]) -> Cause:
@@ -253,7 +286,9 @@ def function_of(fit: Fit, k: int) -> Function | None:
     if not bases:
         return None
     lead = bases[0][0]
-    inner = getattr(lead, "basis", lead)
+    if by_run(fit.state.members[k].form) and isinstance(lead, EachRun):
+        return None
+    inner = _plain(lead)
     path = getattr(inner, "path", None)
     if isinstance(path, Path):
         return _static(fit, k, path)
@@ -264,6 +299,11 @@ def function_of(fit: Fit, k: int) -> Function | None:
     if isinstance(inner, Relays | Plays | Preisach):
         return _loop(fit, k, inner.driver)
     return None
+
+
+def _plain(basis: Basis) -> Basis:
+    """A basis without its selection of runs, and without the factor of the rate."""
+    return _plain(basis.basis) if isinstance(basis, OnlyIn | TimesRate) else basis
 
 
 def _tabulated(fit: Fit, k: int, columns: Mapping[int, Array], about: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
@@ -286,7 +326,7 @@ def _static(fit: Fit, k: int, path: Path) -> Function:
     low, high = np.quantile(values, [0.005, 0.995])
     at = np.asarray(np.linspace(float(low), float(high), _PLACES))
     run: Any = SimpleNamespace(cache={path: at}, bins=len(at))
-    plain = [basis.basis if isinstance(basis, TimesRate) else basis for basis, _ in bases]
+    plain = [_plain(basis) for basis, _ in bases]
     same = {j: basis for j, basis in enumerate(plain) if getattr(basis, "path", None) == path}
     columns = {j: basis.columns(run) for j, basis in same.items()}
     means = {j: fit.data.means(basis.columns)[fit.data.of_windows].mean(axis=0) for j, basis in same.items()}
@@ -302,7 +342,8 @@ def _of_time(fit: Fit, k: int) -> Function:
     _, bases = fit.parts[k]
     at = np.geomspace(0.5 * fit.data.runs[0].grid.window_s, fit.data.longest_s, _PLACES)
     run: Any = SimpleNamespace(cache={}, elapsed_s=at, bins=len(at))
-    columns = {j: basis.columns(run) for j, (basis, _) in enumerate(bases) if isinstance(basis, Since | SmoothSince)}
+    plain = [_plain(basis) for basis, _ in bases]
+    columns = {j: basis.columns(run) for j, basis in enumerate(plain) if isinstance(basis, Since | SmoothSince)}
     return _made("time", "time since the run's start", "s", at, *_tabulated(fit, k, columns))
 
 
@@ -311,7 +352,7 @@ def _response(fit: Fit, k: int, driver: Driver) -> Function:
     _, bases = fit.parts[k]
     at = np.geomspace(0.5 * fit.data.runs[0].grid.window_s, fit.data.longest_s, _PLACES)
     columns: dict[int, Array] = {}
-    for j, (basis, _) in enumerate(bases):
+    for j, basis in enumerate(_plain(basis) for basis, _ in bases):
         if isinstance(basis, Lag) and basis.driver == driver:
             columns[j] = -np.exp(-at / basis.time_constant_s)[:, None] / driver.half
         elif isinstance(basis, Conduction | Spectrum) and basis.driver == driver:
@@ -324,7 +365,9 @@ def _response(fit: Fit, k: int, driver: Driver) -> Function:
 def _loop(fit: Fit, k: int, driver: Driver) -> Function:
     """The path of the run in which the driver moves most."""
     _, bases = fit.parts[k]
-    widest = max(range(len(fit.data.runs)), key=lambda j: float(np.ptp(driver.values(fit.data.runs[j]))))
+    selected = runs_of(fit.state.members[k].form)
+    shown = [j for j, run in enumerate(fit.data.runs) if not selected or run.name in selected] or range(len(fit.data.runs))
+    widest = max(shown, key=lambda j: float(np.ptp(driver.values(fit.data.runs[j]))))
     run, rows = fit.data.runs[widest], fit.data.slices[widest]
     places = np.unique(np.linspace(0, rows.stop - rows.start - 1, _LOOP).astype(np.intp))
     columns = {j: fit.bank.columns(basis)[rows][places] for j, (basis, _) in enumerate(bases)}

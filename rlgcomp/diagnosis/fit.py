@@ -13,10 +13,12 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis, Constant, EachRun, Moment, Own
+from rlgcomp.diagnosis.clocks import CLOCK, Offset
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
 from rlgcomp.diagnosis.lateness import LATE_THERMOMETER, Late
 from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.selections import BY_RUN, parameter_by_run
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 
@@ -155,6 +157,25 @@ class Fit:
                 for j, run in enumerate(lead.runs):
                     value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
                     found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
+            elif isinstance(lead, EachRun) and member.form.region.endswith(BY_RUN):
+                parameter = parameter_by_run(member.form.region, self.baseline)
+                count = len(lead.runs)
+                per_unit = (
+                    (np.eye(count) - 1.0 / count) * scale * lead.basis.per_unit()
+                )  # about their mean, which is the simulator's
+                values = per_unit @ self.solution.weights[at : at + count]
+                spread = np.sqrt(np.diag(per_unit @ self.solution.covariance[at : at + count, at : at + count] @ per_unit.T))
+                of_runs = {
+                    run: Estimate(float(v), float(d), parameter.unit) for run, v, d in zip(lead.runs, values, spread, strict=True)
+                }
+                found.setdefault(member.form.region, {}).update(of_runs)
+            elif member.form.region == CLOCK:
+                inner = lead.basis if isinstance(lead, EachRun) else lead
+                assert isinstance(inner, Offset)  # noqa: S101
+                for j, run in enumerate(lead.runs if isinstance(lead, EachRun) else ("all runs",)):
+                    value, sd = self.solution.weights[at + j], math.sqrt(self.solution.covariance[at + j, at + j])
+                    offset = Estimate(float(value * scale * inner.offset_s), float(sd * scale * abs(inner.offset_s)), "s")
+                    found.setdefault(CLOCK, {})[run] = offset
             elif isinstance(lead, Late):
                 window_s = scale * self.data.runs[0].grid.window_s
                 lag_s, sd = self.solution.weights[at] * window_s, math.sqrt(self.solution.covariance[at, at]) * window_s

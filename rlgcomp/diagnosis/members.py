@@ -21,6 +21,7 @@ _MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
 _SCREENS: Final = 16  # of all forms under a noise, that are kept
 _EVIDENCES: Final = 80
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
+_EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
 _COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
 _FEW: Final = 3
@@ -112,6 +113,14 @@ class Members:
         table = self.screen(noise).gains(given, inside)[inside] + np.array([self.forms[k].log_share for k in places])[:, None]
         i, j = np.unravel_index(int(np.argmax(table)), table.shape)
         return float(table[i, j]), Member(self.forms[places[i]], float(priors.SIZES[j]))
+
+    def of_equations(self, region: Region, given: Conditional, noise: Noise) -> list[Form]:
+        """The likeliest form of the region's first equation and of its likeliest ones."""
+        equations = dict.fromkeys(form.equation for form in region.forms)
+        masks = [np.array([form.region == region.key and form.equation == one for form in self.forms]) for one in equations]
+        best = [found for mask in masks if (found := self.best_of_region(region, given, noise, mask)) is not None]
+        ordered = sorted(best[1:], key=lambda one: one[0], reverse=True)
+        return [member.form for _, member in (*best[:1], *ordered[: _EQUATIONS - 1])]
 
     def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
         """From what a form grows: the likeliest that can, and the likeliest of those that have a threshold."""

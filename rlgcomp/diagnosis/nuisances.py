@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.lateness import late_regions
+from rlgcomp.diagnosis.selections import amplitudes_by_run
 from rlgcomp.diagnosis.terms import Form, Region
 
 Array = npt.NDArray[np.float64]
@@ -39,6 +40,7 @@ def nuisances(data: Data, baseline: Baseline) -> Iterator[Region]:
     if len(names) > 1:
         yield Region(RUN_BIAS, None, _ODDS, (Form(RUN_BIAS, "b = bias of the run", (EachRun(Constant(), names),)),), nuisance=True)
     yield from late_regions(data)
+    yield from amplitudes_by_run(data, baseline)
     stated = [(mechanism, k, p.name) for mechanism in baseline.simulator.mechanisms for k, p in baseline.known(mechanism)]
     for mechanism, k, name in stated:
         key = f"{mechanism.name}:{name}"

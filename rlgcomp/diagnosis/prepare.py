@@ -10,7 +10,7 @@ from rlgcomp.diagnosis.plausibility import require_plausible, require_whole_rate
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, scale_message
 from rlgcomp.errors import InputError
-from rlgcomp.recording import Recording
+from rlgcomp.recording import Recording, is_gyro
 from rlgcomp.recording.argument_checks import require_held_out
 from rlgcomp.recording.encoder_quantisation import without_quantisation
 from rlgcomp.recording.outliers import without_outliers
@@ -49,6 +49,11 @@ class Prepared:
     messages: tuple[Message, ...]
     warnings: tuple[Message, ...] = ()
     alignment: tuple[Alignment, ...] = ()
+
+    @property
+    def untold(self) -> bool:
+        """Whether the simulation has a clock of its own that no monitor tells."""
+        return any(is_gyro(one.compared) and not one.taken_out for one in self.alignment)
 
     @classmethod
     def of(

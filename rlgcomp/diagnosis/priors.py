@@ -23,8 +23,16 @@ LAW_ODDS: Final = 0.002
 """Odds of a law without a name: there are ten times as many, and together they are as likely as two or three mechanisms."""
 NUISANCE_ODDS: Final = 0.03
 """Odds of a step of the bias, of a bias a run, and of a stated number that is wrong: each about as usual as a missing mechanism."""
+PART_OF_RUNS: Final = 0.05
+"""Odds that an effect acts in some of the runs alone: a unit is repaired, a cable moved, a fan switched off between two runs."""
+AMPLITUDE_BY_RUN: Final = 0.05
+"""Odds that its amplitude differs from run to run, half of them by as much as it is, half by a little (:data:`DISCREPANCY`)."""
 LATE_ODDS: Final = 1.0
 """Odds that a thermometer is late by more than a hundredth of a window: any may be."""
+CLOCK_ODDS: Final = 0.1
+"""Odds that the clock of simulated runs is off where no monitor tells it: files begin at the first sample, at power-on, at a pulse."""
+CLOCK_OFFSET: Final = 0.1
+"""Largest offset of such a clock over the length of the shortest run: a simulation that is off by more covers another run."""
 WANDER_ODDS: Final = 0.03
 """Odds that something unrecorded wanders."""
 

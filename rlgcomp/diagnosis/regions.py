@@ -19,6 +19,7 @@ from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Magnitude, Own, Powe
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.memories import STARTS, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
+from rlgcomp.diagnosis.symmetries import symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
@@ -455,6 +456,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             families = [Family(f"b = f({column})", leads, kin)]
             if driver != own:
                 families.insert(0, Family(f"b = k {column}", [(Power(path),)], kin))
+            families += symmetric_laws(driver, kin)
             yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,))
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)

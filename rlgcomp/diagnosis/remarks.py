@@ -8,10 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from rlgcomp.diagnosis.clocks import CLOCK
 from rlgcomp.diagnosis.lateness import LATE_THERMOMETER
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import Score
+from rlgcomp.diagnosis.selections import BY_RUN
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
@@ -82,6 +84,7 @@ def remarks(record: Record) -> tuple[Message, ...]:
         *record.warnings,
         *_doubts(record),
         *_black_box(record),
+        *_selections(record),
         *_baseline(record),
         *_forms(record),
         *_extrapolations(record),
@@ -148,6 +151,22 @@ def _baseline(record: Record) -> Iterator[Message]:
     if biases:
         values = {run: one.value for run, one in biases.items()}
         yield message("diagnosis.run_biases", biases=values, sds={run: one.sd for run, one in biases.items()}, unit=record.unit)
+    if CLOCK in found:
+        offsets = found[CLOCK]
+        yield message(
+            "diagnosis.clock_of_all_runs",
+            offsets_s={run: one.value for run, one in offsets.items()},
+            sds_s={run: one.sd for run, one in offsets.items()},
+        )
+    for key, values in found.items():
+        if key.endswith(BY_RUN):
+            yield message(
+                "diagnosis.amplitude_by_run",
+                parameter=key.removesuffix(BY_RUN),
+                differences={run: one.value for run, one in values.items()},
+                sds={run: one.sd for run, one in values.items()},
+                unit=next(iter(values.values())).unit,
+            )
     for column, lag in found.get(LATE_THERMOMETER, {}).items():
         if lag.value > _CLEAR_LAG * lag.sd:
             yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd)
@@ -166,6 +185,16 @@ def _baseline(record: Record) -> Iterator[Message]:
                     sd=one.sd,
                     unit=one.unit,
                 )
+
+
+def _selections(record: Record) -> Iterator[Message]:
+    """Findings that act in some of the runs, or by another amplitude in each."""
+    for cause in record.members:
+        acts = [run for run, rms in cause.runs.items() if rms > 0.0]
+        if cause.runs and len(acts) < len(cause.runs):
+            yield message("diagnosis.in_some_runs", mechanism=cause.name, runs=acts, of=len(cause.runs))
+        elif cause.runs:
+            yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit)
 
 
 def _forms(record: Record) -> Iterator[Message]:

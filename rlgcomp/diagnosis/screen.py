@@ -126,6 +126,7 @@ class Layout:
 
     def __init__(self, bank: Bank, forms: Sequence[Form], labels: Sequence[Hashable] | None = None) -> None:
         self.forms = tuple(forms)
+        self.sized = [(k, np.array(form.sizes)) for k, form in enumerate(forms) if form.sizes]  # priors of sizes of their own
         self.drawn: dict[Hashable, Array] = {}  # the statistic of draws of a noise
         self._products: dict[tuple[Noise, int], tuple[Products, ...]] = {}
         by_label: dict[Hashable, list[int]] = defaultdict(list)
@@ -200,6 +201,8 @@ class Screen:
         for k, section in enumerate(self.layout.sections):
             if wanted is None or wanted[section.forms].any():
                 self._fill(found, given, k, wanted)
+        for k, of_sizes in self.layout.sized:
+            found[k] += of_sizes
         return found
 
     def _fill(self, found: Array, given: Conditional, number: int, wanted: npt.NDArray[np.bool_] | None) -> None:

@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.lateness import LATE, Prediction, late_bases, late_form, 
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, gains
+from rlgcomp.diagnosis.selections import selections
 from rlgcomp.diagnosis.telegraph import Telegraph, telegraph
 from rlgcomp.diagnosis.terms import Form, Region
 
@@ -97,7 +98,7 @@ class Search(Members):
                         children[key] = child
             ordered = sorted(children.values(), key=lambda child: child.log_posterior, reverse=True)
             ordered = ordered[: _FIRST if size == 1 else _BEAM]
-            beam = [self.refined(child) for child in ordered if size == 1 or child.log_posterior > best - _WITHIN]
+            beam = [self.refined(self._selected(child)) for child in ordered if size == 1 or child.log_posterior > best - _WITHIN]
             beam.sort(key=lambda state: state.log_posterior, reverse=True)
             if not beam or beam[0].log_posterior < best - 3.0:
                 break
@@ -108,6 +109,19 @@ class Search(Members):
         for state in ordered[:_WITH_WANDER]:
             self._wandering(state)
         return sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
+
+    def _selected(self, state: State) -> State:
+        """A state with its last member in some of the runs, or with an amplitude a run, where that is likelier."""
+        (*others, last), runs = state.members, [run.name for run in self.bank.data.runs]
+        region = self.regions[last.form.region]
+        if region.nuisance or len(runs) < 2:
+            return state
+        given = self.evidence(state.noise).given(tuple(others))
+        forms = dict.fromkeys((last.form, *self.of_equations(region, given, state.noise)))
+        value, found = self.best(given, last.form)[0], self.likeliest(given, [one for f in forms for one in selections(f, runs)])
+        if found is None or found[0] <= value + WORTH_MORE:
+            return state
+        return dataclasses.replace(state, members=(*others, found[1]), log_point=state.log_point + found[0] - value)
 
     def _exchange(self) -> None:
         """From the likeliest set: each member dropped, and exchanged for another region."""

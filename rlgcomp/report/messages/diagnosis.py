@@ -250,6 +250,31 @@ def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int
     return f"{run}: {listing(parts)} are left out."
 
 
+def _in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
+    return (
+        f"{mechanism} acts in {listing(list(runs))} alone, of {of} training runs: whether it acts in another run is not known, and test "
+        "runs are predicted without it."
+    )
+
+
+def _strength_by_run(mechanism: str, rms: Mapping[str, float], unit: str) -> str:
+    sizes = listing([f"{value:.3g} {unit} in {run}" for run, value in rms.items()])
+    return f"The amplitude of {mechanism} differs from run to run: rms {sizes}."
+
+
+def _amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+    sizes = listing([f"{estimate_text(value, sds[run], unit)} in {run}" for run, value in differences.items()])
+    return f"{parameter} of the simulator differs from run to run, from the common value by {sizes}."
+
+
+def _clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]) -> str:
+    late = listing([f"{estimate_text(value, sds_s[run], 's')} in {run}" for run, value in offsets_s.items()])
+    return (
+        f"The clock of the simulation is off: the recording shows at a time t what it shows at t less {late}. No monitor tells it, all "
+        "runs together do; no physics is missing there."
+    )
+
+
 def _identity(column: str, output_is: str) -> str:
     what = "its rate of change" if output_is == "rate" else "its integral over time"
     laws = "laws of its memory" if output_is == "rate" else "laws of it"
@@ -312,6 +337,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.confirmed": _confirmed,
     "diagnosis.run_lacks_column": _run_lacks_column,
     "diagnosis.absorbed": _absorbed,
+    "diagnosis.in_some_runs": _in_some_runs,
+    "diagnosis.strength_by_run": _strength_by_run,
+    "diagnosis.amplitude_by_run": _amplitude_by_run,
+    "diagnosis.clock_of_all_runs": _clock_of_all_runs,
     "diagnosis.identity": _identity,
     "diagnosis.simulation_scaled": _simulation_scaled,
     "diagnosis.no_clock": _no_clock,

@@ -1,0 +1,91 @@
+"""A simulation that is late and has no monitor to tell: the gyro of all runs together does, or says that it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.diagnose import Diagnosis
+
+CATALOGUE = rlg.CATALOGUE
+NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
+CURVED = CATALOGUE["thermal_polynomial"](c1_deg_h_K=1e-3, c2_deg_h_K2=1e-5, c3_deg_h_K3=1e-7)  # type: ignore[call-arg]
+STRAIGHT = CATALOGUE["thermal_polynomial"](c1_deg_h_K=1.5e-3, c2_deg_h_K2=0.0, c3_deg_h_K3=0.0)  # type: ignore[call-arg]
+PROGRAMMES = ("paper", "minor-loops")
+
+
+def diagnosed(
+    late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism = CURVED, monitors: Sequence[str] = ()
+) -> Diagnosis:
+    """Of runs whose bias is a polynomial and more, and a simulation that knows the polynomial alone, and is late."""
+    unit, runs, simulated = rlg.Simulator((bias, *more), noise=NOISE), [], []
+    for k, (programme, offset_s) in enumerate(zip(PROGRAMMES, late_s, strict=True)):
+        run = unit.simulate(programme, seed=3 + k, step_s=5.0, name=programme)
+        assert run.truth is not None
+        of_bias, time_s = run.truth["thermal_polynomial"].to_numpy(), run.time_s
+        shown = {name: np.interp(time_s - offset_s, time_s, run.column(name)) for name in monitors}
+        table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.interp(time_s - offset_s, time_s, of_bias), **shown})
+        runs.append(rlg.Recording(run.table, run.metadata, name=programme))
+        simulated.append(rlg.Recording(table, name=f"simulated-{programme}"))
+    return rlg.diagnose(None, runs, simulated=simulated, black_box=False)
+
+
+def clock(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:
+    """Offsets in s with their standard deviations, as told."""
+    told = [one.data for one in diagnosis.remarks if one.code == "diagnosis.clock_of_all_runs"]
+    return {run: (value, told[0]["sds_s"][run]) for run, value in told[0]["offsets_s"].items()} if told else {}
+
+
+def test_all_runs_together_tell_a_clock_that_none_tells_alone() -> None:
+    found = diagnosed((100.0, 100.0))
+    assert found.verdict == "none"
+    ((offset_s, sd_s),) = clock(found).values()
+    assert offset_s == pytest.approx(-100.0, abs=4.0 * sd_s)
+    assert sd_s < 15.0
+
+
+def test_one_late_file_is_told_from_one_on_time() -> None:
+    found = diagnosed((140.0, 0.0))
+    assert found.verdict == "none"
+    offsets = clock(found)
+    assert set(offsets) == set(PROGRAMMES)
+    for run, late_s in zip(PROGRAMMES, (140.0, 0.0), strict=True):
+        assert offsets[run][0] == pytest.approx(-late_s, abs=4.0 * offsets[run][1])
+
+
+def test_a_clock_that_is_right_is_left_alone() -> None:
+    found = diagnosed((0.0, 0.0))
+    assert found.verdict == "none"
+    assert not clock(found)
+
+
+@pytest.mark.parametrize("name", ["thermal_lag", "magnetic_field"])
+def test_physics_is_no_clock(name: str) -> None:
+    found = diagnosed((0.0, 0.0), CATALOGUE[name]())
+    assert [cause.name for cause in found.causes] == [name]
+    assert not clock(found)
+
+
+def test_a_late_clock_beside_missing_physics() -> None:
+    found = diagnosed((100.0, 100.0), CATALOGUE["supply_voltage"]())
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    ((offset_s, sd_s),) = clock(found).values()
+    assert offset_s == pytest.approx(-100.0, abs=4.0 * sd_s)
+
+
+def test_what_cannot_be_told_from_a_rate_is_said() -> None:
+    """A bias that is a straight line in temperature moves, when late, as the temperature's rate does."""
+    found = diagnosed((100.0, 100.0), bias=STRAIGHT)
+    assert clock(found)
+    assert 0.05 < found.posterior.of_region("temperature_rate") < 0.9
+
+
+def test_monitors_tell_the_clock_themselves() -> None:
+    found = diagnosed((100.0, 100.0), monitors=["temperature_block_degC"])
+    assert all(one.taken_out for one in found.alignment)
+    assert found.verdict == "none"
+    assert not clock(found)
