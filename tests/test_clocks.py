@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.diagnose import Diagnosis
 
 CATALOGUE = rlg.CATALOGUE
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
@@ -18,9 +18,7 @@ STRAIGHT = CATALOGUE["thermal_polynomial"](c1_deg_h_K=1.5e-3, c2_deg_h_K2=0.0, c
 PROGRAMMES = ("paper", "minor-loops")
 
 
-def diagnosed(
-    late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism = CURVED, monitors: Sequence[str] = ()
-) -> Diagnosis:
+def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism = CURVED, monitors: Sequence[str] = ()) -> Any:
     """Of runs whose bias is a polynomial and more, and a simulation that knows the polynomial alone, and is late."""
     unit, runs, simulated = rlg.Simulator((bias, *more), noise=NOISE), [], []
     for k, (programme, offset_s) in enumerate(zip(PROGRAMMES, late_s, strict=True)):
@@ -34,7 +32,7 @@ def diagnosed(
     return rlg.diagnose(None, runs, simulated=simulated, black_box=False)
 
 
-def clock(diagnosis: Diagnosis) -> dict[str, tuple[float, float]]:
+def clock(diagnosis: Any) -> dict[str, tuple[float, float]]:
     """Offsets in s with their standard deviations, as told."""
     told = [one.data for one in diagnosis.remarks if one.code == "diagnosis.clock_of_all_runs"]
     return {run: (value, told[0]["sds_s"][run]) for run, value in told[0]["offsets_s"].items()} if told else {}

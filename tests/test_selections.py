@@ -66,10 +66,9 @@ def test_other_runs_are_predicted_without_it(in_one: Diagnosis) -> None:
     assert in_one.augmented_file.left_out == ("supply_voltage",)
     (run,) = made((0.0, 0.8, 0.0))[1:2]
     other = run.replace(name="another run")
-    (predicted,) = (
-        fit.predicted(Run.of(other, fit.data.runs[0].grid, lambda binned: np.zeros(len(binned)))) for fit in (in_one.after,)
-    )
-    alone = in_one.after.baseline.columns(in_one.after.data.runs[1]) @ in_one.after.solution.numbers
+    fit = in_one.after
+    predicted = fit.predicted(Run.of(other, fit.data.runs[0].grid, lambda binned: np.zeros(len(binned))))
+    alone = fit.baseline.columns(fit.data.runs[1]) @ fit.solution.numbers
     assert predicted == pytest.approx(alone)
 
 

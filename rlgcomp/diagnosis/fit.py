@@ -158,17 +158,14 @@ class Fit:
                     value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
                     found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
             elif isinstance(lead, EachRun) and member.form.region.endswith(BY_RUN):
-                parameter = parameter_by_run(member.form.region, self.baseline)
-                count = len(lead.runs)
-                per_unit = (
-                    (np.eye(count) - 1.0 / count) * scale * lead.basis.per_unit()
-                )  # about their mean, which is the simulator's
-                values = per_unit @ self.solution.weights[at : at + count]
-                spread = np.sqrt(np.diag(per_unit @ self.solution.covariance[at : at + count, at : at + count] @ per_unit.T))
-                of_runs = {
-                    run: Estimate(float(v), float(d), parameter.unit) for run, v, d in zip(lead.runs, values, spread, strict=True)
-                }
-                found.setdefault(member.form.region, {}).update(of_runs)
+                at_once = slice(at, at + len(lead.runs))
+                about = (
+                    (np.eye(len(lead.runs)) - 1.0 / len(lead.runs)) * scale * lead.basis.per_unit()
+                )  # the mean is the simulator's
+                spread = np.sqrt(np.diag(about @ self.solution.covariance[at_once, at_once] @ about.T))
+                unit = parameter_by_run(member.form.region, self.baseline).unit
+                for run, one, sd in zip(lead.runs, about @ self.solution.weights[at_once], spread, strict=True):
+                    found.setdefault(member.form.region, {})[run] = Estimate(float(one), float(sd), unit)
             elif member.form.region == CLOCK:
                 inner = lead.basis if isinstance(lead, EachRun) else lead
                 assert isinstance(inner, Offset)  # noqa: S101

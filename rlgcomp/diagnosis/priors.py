@@ -30,7 +30,7 @@ AMPLITUDE_BY_RUN: Final = 0.05
 LATE_ODDS: Final = 1.0
 """Odds that a thermometer is late by more than a hundredth of a window: any may be."""
 CLOCK_ODDS: Final = 0.1
-"""Odds that the clock of simulated runs is off where no monitor tells it: files begin at the first sample, at power-on, at a pulse."""
+"""Odds that the clock of simulated runs is off where no monitor tells it: files begin at power-on or at a pulse."""
 CLOCK_OFFSET: Final = 0.1
 """Largest offset of such a clock over the length of the shortest run: a simulation that is off by more covers another run."""
 WANDER_ODDS: Final = 0.03

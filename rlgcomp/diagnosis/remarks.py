@@ -158,14 +158,14 @@ def _baseline(record: Record) -> Iterator[Message]:
             offsets_s={run: one.value for run, one in offsets.items()},
             sds_s={run: one.sd for run, one in offsets.items()},
         )
-    for key, values in found.items():
+    for key, of_runs in found.items():
         if key.endswith(BY_RUN):
             yield message(
                 "diagnosis.amplitude_by_run",
                 parameter=key.removesuffix(BY_RUN),
-                differences={run: one.value for run, one in values.items()},
-                sds={run: one.sd for run, one in values.items()},
-                unit=next(iter(values.values())).unit,
+                differences={run: one.value for run, one in of_runs.items()},
+                sds={run: one.sd for run, one in of_runs.items()},
+                unit=next(iter(of_runs.values())).unit,
             )
     for column, lag in found.get(LATE_THERMOMETER, {}).items():
         if lag.value > _CLEAR_LAG * lag.sd:

@@ -252,8 +252,8 @@ def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int
 
 def _in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
     return (
-        f"{mechanism} acts in {listing(list(runs))} alone, of {of} training runs: whether it acts in another run is not known, and test "
-        "runs are predicted without it."
+        f"{mechanism} acts in {listing(list(runs))} alone, of {of} training runs: whether it acts in another run is not known, and "
+        "test runs are predicted without it."
     )
 
 
@@ -270,8 +270,8 @@ def _amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Map
 def _clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]) -> str:
     late = listing([f"{estimate_text(value, sds_s[run], 's')} in {run}" for run, value in offsets_s.items()])
     return (
-        f"The clock of the simulation is off: the recording shows at a time t what it shows at t less {late}. No monitor tells it, all "
-        "runs together do; no physics is missing there."
+        f"The clock of the simulation is off: the recording shows at a time t what it shows at t less {late}. No monitor tells it, "
+        "all runs together do; no physics is missing there."
     )
 
 
