@@ -28,6 +28,7 @@ from rlgcomp.compensation.features import Level
 from rlgcomp.compensation.held_out_errors import HeldOutErrors
 from rlgcomp.compensation.input_selection import ChosenInputs
 from rlgcomp.compensation.interval import Interval
+from rlgcomp.compensation.known_physics import HybridInputs, amplitudes_of, parts_of, require_lssvm
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
@@ -42,6 +43,7 @@ from rlgcomp.recording.argument_checks import require_recording, require_recordi
 from rlgcomp.recording.outliers import without_outliers
 from rlgcomp.report.messages import Message
 from rlgcomp.report.notebook import table_html
+from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -65,6 +67,10 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         Remove only how the bias differs from its mean over training: for runs whose gyro still holds Earth rate.
     n_jobs : int
         Worker processes of the selection; -1 for every core.
+    physics : Simulator, optional
+        Of a chamber, as ``diagnosis.augmented``: its mechanisms are the mean, their amplitudes fitted with the LS-SVM, which learns
+        the rest; see :mod:`rlgcomp.compensation.known_physics`. Beyond the training range the physics goes on, and the LS-SVM's
+        part keeps its value at the edge.
 
     Attributes
     ----------
@@ -109,6 +115,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         gyro: str | None = None,
         keep_mean: bool = False,
         n_jobs: int = 1,
+        physics: Simulator | None = None,
     ) -> None:
         self.model = model
         self.features = features
@@ -116,6 +123,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.gyro = gyro
         self.keep_mean = keep_mean
         self.n_jobs = n_jobs
+        self.physics = physics
 
     def _repr_html_(self) -> str:
         heading, _, rest = repr(self).partition("\n")
@@ -164,6 +172,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         runs, workers = require_recordings(runs, "runs"), require_workers(self.n_jobs)
         model = LSSVMRegressor() if self.model is None else self.model
         require_regressor(model)
+        require_lssvm(model, self.physics)
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
         for run in runs:
@@ -181,9 +190,16 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             chosen = ChosenInputs.of(self.pipeline_, self.training_, samples, further)
             self.pipeline_, self.training_, samples = chosen.pipeline, chosen.training, chosen.samples
             self.unused_, not_told_apart = chosen.unused, chosen.remarks
+        without_form: tuple[Message, ...] = ()
+        if self.physics is not None:
+            hybrid = HybridInputs.of(self.physics, runs, self.pipeline_, self.training_, samples, self.averaging_s, self.gyro)
+            self.pipeline_, self.training_, samples = hybrid.pipeline, hybrid.training, hybrid.samples
+            without_form = hybrid.left_out
+        linear = self.pipeline_.physics
         self.gyro_ = runs[0].gyro_column(self.gyro)
         self.specification_ = specification_of(model)
-        self.scaling_ = Scaling.of(self.training_, samples, reach=0.0 if self.specification_ is None else self.specification_.reach)
+        reach = 0.0 if self.specification_ is None or linear else self.specification_.reach
+        self.scaling_ = Scaling.of(self.training_, samples, reach, linear)
         if not self.keep_mean:
             warn_of_earth_rate(self.scaling_.y_mean_deg_h, runs)
         X, y, groups = self.training_rows()
@@ -194,6 +210,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         model = clone(model)
         if len(runs) == 1 and model.get_params().get("run_variance", 0.0) is None:
             model.set_params(run_variance=0.0)  # blocks of one run have one bias
+        if linear:
+            model.set_params(linear=linear)
         if model.get_params().get("linear") == DYNAMICS:
             model.set_params(linear=self.pipeline_.dynamic)
         self.selection_ = (
@@ -212,6 +230,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *nearly_standard(runs, self.features),
             *omitted_groups(runs, self.features),
             *not_told_apart,
+            *without_form,
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
             *on_interval(self.interval_),
             *on_errors_below_noise(self.selection_.rmse, self.scaling_, raw, self.gyro, self.averaging_s),
@@ -390,6 +409,39 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.require_fitted()
         X = np.vstack([part.X for part in self.training_])
         return self._estimate.contributions(X, self.pipeline_.names)
+
+    def parts(self) -> pd.DataFrame:
+        """What each part of a compensation with known physics does, over the training rows.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `part`: each mechanism, and the LS-SVM; `rms_deg_h` about its mean; `share` of the bias's variance that goes with it, so
+            that the shares of all parts sum to 1. Empty without known physics.
+
+        Raises
+        ------
+        InputError
+            It is not fitted.
+        """
+        self.require_fitted()
+        return parts_of(self.pipeline_, self.scaling_, self.model_, np.vstack([part.X for part in self.training_]))
+
+    def amplitudes(self) -> pd.DataFrame:
+        """The amplitudes of known physics.
+
+        Returns
+        -------
+        pandas.DataFrame
+            `mechanism`, `parameter`; the fitted `value` with its `sd`, and the value `given` by the simulator.
+
+        Raises
+        ------
+        InputError
+            It is not fitted.
+        """
+        self.require_fitted()
+        return amplitudes_of(self.pipeline_, self.scaling_, self.model_)
 
     def plot(self, ax: Any = None) -> Any:
         """Contribution of each input to the estimated bias, as :meth:`contributions` gives it.

@@ -47,7 +47,8 @@ class Estimate:
 
     def half_width_deg_h(self, X: Array) -> Array:
         """Half width of the interval about the bias for unscaled inputs of shape (n, features)."""
-        return self.interval.half_width_deg_h(excess(X, self.scaling.low, self.scaling.high))
+        ranged = self.scaling.ranged
+        return self.interval.half_width_deg_h(excess(X[:, ranged], self.scaling.low[ranged], self.scaling.high[ranged]))
 
     def table(self, X: Array, bias_deg_h: Array | None = None) -> pd.DataFrame:
         """`bias_deg_h`, `out_of_range` and `half_width_deg_h`, one row for each row of unscaled inputs."""

@@ -13,6 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.compensation.features import FEATURES, Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference, State
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
 from rlgcomp.report.messages import Message, message
@@ -58,6 +59,12 @@ class FeatureRecipe:
         """Places of the inputs that depend on the history of temperature: gradient, rate, lag and memory."""
         owners = [feature.group for feature in self.features for _ in feature.names]
         return tuple(place for place, group in enumerate(owners) if group in DYNAMIC)
+
+    @property
+    def physics(self) -> tuple[int, ...]:
+        """Places of the inputs that are known physics, which a model takes linearly."""
+        owners = [feature.kind for feature in self.features for _ in feature.names]
+        return tuple(place for place, kind in enumerate(owners) if kind == PhysicsTerm.kind)
 
     def transform(self, recording: Recording) -> pd.DataFrame:
         """All features of a recording, from a fresh state: one row a sample.
@@ -181,6 +188,9 @@ class FeatureRecipe:
 
 def _require_usable(feature: Any) -> None:
     """Refuse values from a file that no pipeline made here has."""
+    if isinstance(feature, PhysicsTerm):
+        feature.require_usable()
+        return
     for field in dataclasses.fields(feature):
         value = getattr(feature, field.name)
         if isinstance(field.default, str):

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.numerics.filters import low_pass
 from rlgcomp.numerics.hysteresis import Play
 
@@ -232,7 +233,9 @@ class ReadoutDifference:
         return ((a - b) / (a + b))[:, None], state
 
 
-FEATURES: Final[dict[str, Any]] = {feature.kind: feature for feature in (Level, Rate, Lag, Memory, Difference, ReadoutDifference)}
+FEATURES: Final[dict[str, Any]] = {
+    feature.kind: feature for feature in (Level, Rate, Lag, Memory, Difference, ReadoutDifference, PhysicsTerm)
+}
 
 
 def _stem(column: str) -> str:

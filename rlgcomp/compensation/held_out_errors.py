@@ -29,12 +29,15 @@ class HeldOutErrors:
         Labels of the runs or blocks.
     counted : ndarray of bool, shape (n,)
         The windows that calibrate the interval.
+    ranged : ndarray of bool, shape (features,)
+        The inputs whose range counts.
     """
 
     training: Sequence[WindowMeans]
     errors_deg_h: Array
     groups: npt.NDArray[np.int64]
     counted: npt.NDArray[np.bool_]
+    ranged: npt.NDArray[np.bool_]
 
     @classmethod
     def of(cls, model: Any, training: Sequence[WindowMeans], scaling: Scaling) -> Self:
@@ -49,7 +52,7 @@ class HeldOutErrors:
         """
         X, y, groups = scaled_rows(training, scaling)
         errors = cross_validation_residuals(model, X, y, groups) * scaling.y_scale_deg_h
-        return cls(training, errors, groups, np.ones(len(errors), dtype=np.bool_))
+        return cls(training, errors, groups, np.ones(len(errors), dtype=np.bool_), scaling.ranged)
 
     def zeroed_at_start(self, offset_s: float, averaging_s: float) -> Self:
         """The errors of each run less their mean over so many seconds at its start; later windows alone are counted.
@@ -75,7 +78,7 @@ class HeldOutErrors:
         y_deg_h = [part.y_deg_h for part in self.training]
         return Interval.calibrated(
             self.errors_deg_h[self.counted],
-            np.vstack([part.X for part in self.training])[self.counted],
+            np.vstack([part.X for part in self.training])[self.counted][:, self.ranged],
             np.concatenate(y_deg_h)[self.counted],
             self.groups[self.counted],
             runs=len(self.training),

@@ -12,11 +12,13 @@ from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from rlgcomp.compensation import artefact, foreign_models
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.compensation.models.specification import ModelSpecification, finite
 from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
@@ -54,6 +56,8 @@ class Fitted(Protocol):
     def run_labels(self) -> npt.NDArray[np.int64]: ...
     def predict_rows(self, X: Array) -> Array: ...
     def half_widths(self, X: Array) -> Array: ...
+    def parts(self) -> pd.DataFrame: ...
+    def amplitudes(self) -> pd.DataFrame: ...
     def calibrated_interval(self) -> Interval: ...
 
 
@@ -82,9 +86,15 @@ def manifest_of(compensator: Fitted) -> dict[str, Any]:
         "averaging_s": compensator.averaging_s,
         "selection": {"best": compensator.selection_.best, "rmse": compensator.selection_.rmse},
         "interval": compensator.interval_.to_mapping(),
+        **({"physics": _physics(compensator)} if scaling.linear else {}),
         "runs": compensator.provenance_,
         "remarks": [remark.to_mapping() for remark in compensator.remarks_],
     }
+
+
+def _physics(compensator: Fitted) -> dict[str, Any]:
+    """What each part does, and the amplitudes of known physics."""
+    return {"parts": compensator.parts().to_dict("records"), "amplitudes": compensator.amplitudes().to_dict("records")}
 
 
 def save(path: str | Path, compensator: Fitted) -> None:
@@ -156,7 +166,7 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
         raise InputError("output: gyro must be the name of a gyro column, and keep_mean true or false")
     compensator = make(
         model,
-        features=list(pipeline.names),
+        features=[name for place, name in enumerate(pipeline.names) if place not in pipeline.physics],
         averaging_s=finite(manifest["averaging_s"], "averaging_s", low=0.0, open_low=True),
         gyro=output["gyro"],
         keep_mean=output["keep_mean"],
@@ -169,7 +179,10 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
         y_mean_deg_h=finite(output["mean_deg_h"], "mean_deg_h"),
         y_scale_deg_h=finite(output["scale_deg_h"], "scale_deg_h", low=0.0, open_low=True),
         reach=finite(output["reach"], "reach", low=0.0),
+        linear=pipeline.physics,
     )
+    if (pipeline.physics or isinstance(model, LSSVMRegressor)) and tuple(getattr(model, "linear", ())) != pipeline.physics:
+        raise InputError("the inputs that enter linearly are not those of known physics")
     compensator.training_ = tuple(
         WindowMeans(str(run["run"]), arrays["training_time_s"][part], arrays["training_X"][part], arrays["training_y_deg_h"][part])
         for run, part in ((run, arrays["training_run"] == k) for k, run in enumerate(manifest["runs"]))
@@ -303,7 +316,7 @@ out than {output["reach"]:g} times its range is clipped: the output stays bounde
 |---|---|---|
 {ranges}
 
-{remarks}## How far to trust it
+{_parts(manifest)}{remarks}## How far to trust it
 
 {interval}
 
@@ -328,6 +341,31 @@ cases while every input is within the ranges above; their own noise is included.
 {textwrap.fill(promise.text, _CARD_WIDTH)}
 Beyond the ranges the half width grows by {per_span:.3g} deg/h (the span of the bias in training) for each span of its range
 that an input lies outside. `compensation_half_width_deg_h` gives it sample by sample."""
+
+
+def _parts(manifest: Mapping[str, Any]) -> str:
+    """Section of the card on known physics; none without it."""
+    physics = manifest.get("physics")
+    if physics is None:
+        return ""
+    parts = "\n".join(f"| {part['part']} | {part['rms_deg_h']:.3g} | {100.0 * part['share']:.1f} % |" for part in physics["parts"])
+    amplitudes = "\n".join(
+        f"| {one['mechanism']} | `{one['parameter']}` | {one['value']:.5g} | {one['sd']:.2g} | {one['given']:.5g} |"
+        for one in physics["amplitudes"]
+    )
+    return f"""## What each part does
+
+Known physics holds beyond the ranges above, where the LS-SVM's part keeps its value at the edge.
+
+| part | rms in training, deg/h | share of the bias's variance |
+|---|---|---|
+{parts}
+
+| mechanism | parameter | fitted | sd | before |
+|---|---|---|---|---|
+{amplitudes}
+
+"""
 
 
 def _programme(run: Mapping[str, Any]) -> str:

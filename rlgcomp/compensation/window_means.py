@@ -53,6 +53,8 @@ class Scaling:
     y_mean_deg_h, y_scale_deg_h : float
     reach : float
         Inputs further out than this, in spans of the range, are clipped, so that the output stays bounded for any input.
+    linear : tuple of int
+        Inputs that are known physics, which holds beyond the range: they are neither clipped nor flagged.
     """
 
     mean: Array
@@ -62,9 +64,10 @@ class Scaling:
     y_mean_deg_h: float
     y_scale_deg_h: float
     reach: float = 0.0
+    linear: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, training: Sequence[WindowMeans], samples: Sequence[Array], reach: float) -> Self:
+    def of(cls, training: Sequence[WindowMeans], samples: Sequence[Array], reach: float, linear: tuple[int, ...] = ()) -> Self:
         """Scaling by training windows.
 
         Parameters
@@ -74,6 +77,7 @@ class Scaling:
             Features of every sample of the training runs, for the range.
         reach : float
             In spans of the range.
+        linear : tuple of int
         """
         X = np.vstack([part.X for part in training])
         y = np.concatenate([part.y_deg_h for part in training])
@@ -88,16 +92,23 @@ class Scaling:
             y_mean_deg_h=float(y.mean()),
             y_scale_deg_h=float(y.std()) or 1.0,
             reach=reach,
+            linear=linear,
         )
 
     def inputs(self, X: Array) -> Array:
         """Scaled inputs, clipped to the reach of the training range; shape (n, features) as X."""
         margin = self.reach * (self.high - self.low)
+        margin[list(self.linear)] = np.inf
         return (np.clip(X, self.low - margin, self.high + margin) - self.mean) / self.scale
 
     def outside(self, X: Array) -> npt.NDArray[np.bool_]:
         """Rows with an input beyond the training range, shape (n,)."""
-        return np.asarray(((self.low > X) | (self.high < X)).any(axis=1))
+        return np.asarray(((self.low > X) | (self.high < X))[:, self.ranged].any(axis=1))
+
+    @property
+    def ranged(self) -> npt.NDArray[np.bool_]:
+        """The inputs whose range counts, shape (features,)."""
+        return np.isin(np.arange(len(self.mean)), self.linear, invert=True)
 
 
 def window_means(recording: Recording, pipeline: FeatureRecipe, averaging_s: float, gyro: str | None = None) -> WindowMeans:

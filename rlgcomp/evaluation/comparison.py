@@ -100,15 +100,16 @@ def _predict(model: Any, scaling: Scaling, part: WindowMeans, places: list[int])
 def _inputs_by_group(compensator: Compensator) -> Mapping[str, list[int]]:
     """Columns of the inputs of the first feature group, of all but one, and of all together."""
     owners = [feature.group for feature in compensator.pipeline_.features for _ in feature.names]
-    groups = list(dict.fromkeys(owners))
-    subsets = {groups[0]: [place for place, owner in enumerate(owners) if owner == groups[0]]}
+    places = [place for place in range(len(owners)) if place not in compensator.scaling_.linear]  # known physics is no input
+    groups = list(dict.fromkeys(owners[place] for place in places))
+    subsets = {groups[0]: [place for place in places if owners[place] == groups[0]]}
     if len(groups) == 1:
         return subsets
     for group in groups:
-        others = [place for place, owner in enumerate(owners) if owner != group]
+        others = [place for place in places if owners[place] != group]
         if others not in subsets.values():  # of two groups the first alone is all without the second
             subsets[f"{ALL_BUT} {group}"] = others
-    return subsets | {"all": list(range(len(owners)))}
+    return subsets | {"all": places}
 
 
 def _pooled(deviations: Sequence[float | np.floating[Any]]) -> float:

@@ -139,7 +139,8 @@ class Preisach:
     def _thresholds(self) -> Array:
         return np.linspace(self.low, self.high, self.levels)
 
-    def _relays(self) -> tuple[Array, Array, Array]:
+    def relays(self) -> tuple[Array, Array, Array]:
+        """Upper and lower thresholds, and weights, shape (relays,)."""
         grid = self._thresholds()
         lower, upper = np.triu_indices(self.levels, k=1)
         alpha, beta = grid[upper], grid[lower]
@@ -148,7 +149,7 @@ class Preisach:
 
     def init(self, u: float, swept: float = 0.0) -> Array:
         """State at the first input; demagnetised, a relay is up where u lies above its middle."""
-        alpha, beta, _ = self._relays()
+        alpha, beta, _ = self.relays()
         middle, half = 0.5 * (alpha + beta), 0.5 * (alpha - beta)
         return np.where(u >= middle + swept * half, 1.0, -1.0)
 
@@ -160,7 +161,7 @@ class Preisach:
         """Output after each input, shape (n,), and the last state."""
         if not len(u):
             return np.empty(0), state.copy()
-        alpha, beta, weight = self._relays()
+        alpha, beta, weight = self.relays()
         grid, state = self._thresholds(), state.copy()
         reached, above = np.searchsorted(grid, u, "right"), np.searchsorted(grid, u, "left")
         crosses = np.append(True, (np.diff(reached) != 0) | (np.diff(above) != 0))  # between thresholds no relay switches

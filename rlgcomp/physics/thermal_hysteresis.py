@@ -13,15 +13,15 @@ from rlgcomp.numerics.hysteresis import BEGUN, STARTS, BoucWen, ColemanHodgdon, 
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
-_RADII: Final = 12  # of the law "plays"
+RADII: Final = 12  # of the law "plays"
 _NOISE: Final = 4.0  # standard deviations of read noise, which hardly a reading exceeds
-_CONCENTRATION: Final = 4.0  # of relays about narrow loops
+CONCENTRATION: Final = 4.0  # of relays about narrow loops
 _EQUATIONS: Final = {
     "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
     "plays": "b = k1_deg_h_K (mean over r ~ exp(-r / radius_K) of play(T; r) - T)",
     "preisach": (
         "b = k1_deg_h_K radius_K * mean of relays(T; 1 from alpha up, -1 from beta down) over centre_degC - span_K / 2 <= beta "
-        f"< alpha <= centre_degC + span_K / 2, weighted by exp(-{_CONCENTRATION:g} (alpha - beta) / span_K)"
+        f"< alpha <= centre_degC + span_K / 2, weighted by exp(-{CONCENTRATION:g} (alpha - beta) / span_K)"
     ),
     "bouc_wen": "b = k1_deg_h_K z, dz/dT = 1 - |z| / radius_K (0.2 + 0.8 sgn(z dT/dt))",
     "coleman_hodgdon": "b = k1_deg_h_K curve_K z, dz/|dT| = (tanh((T - curve_centre_degC) / curve_K) - z) / radius_K",
@@ -93,12 +93,12 @@ class ThermalHysteresis(Mechanism):
             states, _ = play.run(play.init(temperature[0], swept), temperature)
             return np.asarray(states - temperature[:, None])
         if self.law == "plays":
-            radii = -self.radius_K * np.log((np.arange(_RADII) + 0.5) / _RADII)
+            radii = -self.radius_K * np.log((np.arange(RADII) + 0.5) / RADII)
             states = play_paths(temperature[:, None], radii, temperature[0] - swept * radii)
             return np.asarray((states.mean(axis=1) - temperature)[:, None])
         if self.law == "preisach":
             half = 0.5 * self.span_K
-            relays = Preisach(self.centre_degC - half, self.centre_degC + half, concentration=_CONCENTRATION)
+            relays = Preisach(self.centre_degC - half, self.centre_degC + half, concentration=CONCENTRATION)
             output, _ = relays.run(relays.init(temperature[0], swept), temperature)
             return np.asarray(self.radius_K * output[:, None])
         temperature = _stilled(temperature)

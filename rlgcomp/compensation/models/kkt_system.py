@@ -96,6 +96,11 @@ class KKTSystem:
         """alpha, shape (n,), and b and the border's coefficients, shape (1 + columns,), for the output y, shape (n,)."""
         return self._inverse @ y, self._columns.back @ linalg.solve(self._total, self._border.T @ y, assume_a="sym")
 
+    def coefficient_variances(self) -> Array:
+        """Variances of b and the border's coefficients in units of the function's scale s squared, shape (1 + columns,)."""
+        back = self._columns.back
+        return np.asarray(np.einsum("ij,ji->i", back, linalg.solve(self._total, back.T, assume_a="sym")))
+
     def inverse_diagonal(self) -> Array:
         """Diagonal of C, shape (n,)."""
         return np.diag(self._inverse)

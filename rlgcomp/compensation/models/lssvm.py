@@ -109,6 +109,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         b.
     coef_ : ndarray, shape (linear,)
         Coefficients of the inputs that enter linearly.
+    coef_std_ : ndarray, shape (linear,)
+        Their standard deviations.
     X_fit_ : ndarray, shape (n, features)
         The centres: the training rows of positive weight.
     weights_ : ndarray, shape (n,)
@@ -132,6 +134,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     run_variance_: float = 0.0  # of a model saved before runs had biases of their own
     runs_: Array | None = None
     coef_: Array | None = None
+    coef_std_: Array | None = None
 
     def __init__(
         self,
@@ -221,6 +224,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         mean_square = np.mean(self.alpha_**2 / diagonal, axis=0)  # negative only if the kernel is indefinite
         scale = np.sqrt(np.maximum(0.0, mean_square))
         self.scale_ = scale if target.ndim > 1 else float(scale)
+        if self.linear and isinstance(solved, KKTSystem):
+            self.coef_std_ = self.scale_ * np.sqrt(np.maximum(solved.coefficient_variances()[1:], 0.0))
         return self
 
     def predict(self, X: npt.ArrayLike, return_std: bool = False) -> Any:
@@ -252,6 +257,11 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def kernel_name(self) -> str:
         """The kernel by this package's name."""
         return _SYNONYMS.get(self.kernel, self.kernel)
+
+    @property
+    def without_kernel(self) -> bool:
+        """Whether inputs that enter linearly are all there is."""
+        return bool(self.linear) and self.c <= WITHOUT_KERNEL
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -376,6 +386,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _sums(self, X: Array, alpha: Array) -> Array:
         """sum_i alpha_i K(x_i, x) for each row of X."""
+        if self.without_kernel:
+            return np.zeros(len(X))
         if self.device is not None:
             return predictions(self.kernel_name, self.get_params(), X, self.X_fit_, alpha, self.device)
         # the sum of alpha is zero: a constant subtracted from the Gaussian removes much rounding
@@ -518,6 +530,7 @@ def _check(model: LSSVMRegressor, features: int) -> None:
     model.require_linear(features, model.alpha_)
     if model.linear:
         require_shape(model, "coef_", len(model.linear))
+        require_shape(model, "coef_std_", len(model.linear))
     if model.run_variance_ < 0.0:
         raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
 
@@ -531,6 +544,6 @@ SPECIFICATION: Final = ModelSpecification(
     threads=True,
     reach=1.0,
     numbers=("intercept_", "scale_", "run_variance_"),
-    arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_"),
+    arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_", "coef_std_"),
     check=_check,
 )

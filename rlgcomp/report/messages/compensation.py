@@ -73,6 +73,9 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "Column {column} is not a standard name; the nearest is {nearest}. If it is meant, state --map {nearest}={column}, and "
         "the features of that monitor can be used."
     ),
+    "compensation.physics_left_out": (
+        "The simulator's {mechanism} takes no part in the compensation: {reason}. The LS-SVM learns of it what its inputs show."
+    ),
     "compensation.group_omitted": _group_omitted,
     "compensation.not_told_apart": (
         "{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."
