@@ -34,6 +34,7 @@ from rlgcomp.cli.base import (
     require_recording,
 )
 from rlgcomp.cli.ending import notify
+from rlgcomp.cli.physics import AUTO, physics_of, require_physics
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
 if TYPE_CHECKING:
@@ -82,6 +83,21 @@ def train(
             help="Cubic or dynamic model of several units, which is adapted to these runs of one more unit.",
         ),
     ] = None,
+    physics: Annotated[
+        str | None,
+        typer.Option(
+            "--physics",
+            metavar="SIM.yaml|auto",
+            help="Of lssvm: the mean is this simulator, as `diagnose` writes augmented.yaml, its amplitudes fitted with the model; "
+            "auto diagnoses the runs first.",
+        ),
+    ] = None,
+    simulator: Annotated[
+        Path | None,
+        typer.Option(
+            "--simulator", metavar="SIM.yaml", help="Of --physics auto: what is known before; else a cubic in temperature and its rate."
+        ),
+    ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
@@ -112,6 +128,8 @@ def train(
 
     Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
 
+    Example: `rlgcomp train cold.parquet hot.parquet --physics diagnosis/augmented.yaml --out models/unit-17`
+
     Example: `rlgcomp train two-hours.parquet --adapt models/fleet --out models/unit-18`
 
     Example: `rlgcomp train cold.parquet hot.parquet --out models/unit-17 --export unit-17-c`
@@ -125,9 +143,10 @@ def train(
     from rlgcomp.errors import InputError
     from rlgcomp.recording.provenance import with_digests
 
-    _require_folders(out, export, runs, adapt, calibration)
+    _require_folders(out, export, runs, adapt, calibration, simulator, None if physics in (None, AUTO) else Path(physics))
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
+    require_physics(physics, simulator, model=model, device=device, adapted=adapt is not None)
     if export is not None and sequential(MODELS[model].make()):
         raise InputError(f"--export: a {model} model has no sample-by-sample form; train another model to export one")
     estimator = _estimator(model, device, adapted=adapt is not None)
@@ -147,7 +166,13 @@ def train(
     else:
         chosen = calibrated_name(gyro, calibration)
         compensator = Compensator(
-            estimator, features=features, averaging_s=averaging_s, gyro=chosen, keep_mean=keep_mean, n_jobs=jobs
+            estimator,
+            features=features,
+            averaging_s=averaging_s,
+            gyro=chosen,
+            keep_mean=keep_mean,
+            n_jobs=jobs,
+            physics=physics_of(physics, simulator, recordings, chosen),
         )
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)
@@ -165,6 +190,7 @@ def train(
         "before_rms_deg_h": compensator.scaling_.y_scale_deg_h,
         "half_width_deg_h": compensator.interval_.inside_deg_h,
         "unused": compensator.unused_,
+        **({} if physics is None else {"parts": compensator.parts().to_dict("records")}),
         "remarks": [remark.to_mapping() for remark in (*differences, *compensator.remarks_)],
     } | ({} if exported is None else {"export": exported.to_mapping()})
     if as_json:
@@ -185,6 +211,12 @@ def train(
                 {"": "selected", " ": selected or "no parameter: one candidate"},
             ],
         )
+        if physics is not None:
+            shown = [
+                {"part": part["part"], "rms, deg/h": part["rms_deg_h"], "share of the bias's variance": f"{100 * part['share']:.1f} %"}
+                for part in compensator.parts().to_dict("records")
+            ]
+            show_table("What each part does in training", shown)
         for title, rows in () if exported is None else exported.tables:
             show_table(title, rows)
         notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")

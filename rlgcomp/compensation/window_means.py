@@ -15,6 +15,7 @@ from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
 BLOCKS_OF_ONE_RUN: Final = 5
+PHYSICS_REACH: Final = 10.0  # spans of its range to which a term of known physics goes on: a cubic at twice the range has four
 MARGIN: Final = 0.05  # of the training span, by which an input may exceed it without a flag
 
 
@@ -54,7 +55,7 @@ class Scaling:
     reach : float
         Inputs further out than this, in spans of the range, are clipped, so that the output stays bounded for any input.
     linear : tuple of int
-        Inputs that are known physics, which holds beyond the range: they are neither clipped nor flagged.
+        Inputs that are known physics, which holds beyond the range: they are not flagged, and clipped at ten spans.
     """
 
     mean: Array
@@ -97,9 +98,12 @@ class Scaling:
 
     def inputs(self, X: Array) -> Array:
         """Scaled inputs, clipped to the reach of the training range; shape (n, features) as X."""
-        margin = self.reach * (self.high - self.low)
-        margin[list(self.linear)] = np.inf
-        return (np.clip(X, self.low - margin, self.high + margin) - self.mean) / self.scale
+        return (np.clip(X, *self.limits()) - self.mean) / self.scale
+
+    def limits(self) -> tuple[Array, Array]:
+        """Where inputs are clipped, below and above, shape (features,) each."""
+        margin = np.where(self.ranged, self.reach, PHYSICS_REACH) * (self.high - self.low)
+        return self.low - margin, self.high + margin
 
     def outside(self, X: Array) -> npt.NDArray[np.bool_]:
         """Rows with an input beyond the training range, shape (n,)."""

@@ -28,6 +28,7 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.features import Lag, Memory, Rate, ReadoutDifference
 from rlgcomp.compensation.models.kernels import gaussian, squared_distances
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.export.expansion import Expansion, third_remainder
 from rlgcomp.export.golden import EITHER, Stream
 from rlgcomp.export.target import Precision
@@ -96,7 +97,8 @@ def _allowed_deg_h(stream: Stream, compensator: Compensator, expansion: Expansio
     X = X[:: max(1, len(X) // _ROWS)]
     if precision == "double":
         exact = AGREEMENT * span_deg_h(compensator)
-        return np.full(len(stream.X), max(exact, _rounding_in_python(compensator, expansion, X)))
+        physics = 8.0 * _EPSILON * float(np.abs(expansion.physics_of(X)).sum(axis=1).max(initial=0.0))
+        return np.full(len(stream.X), max(exact, physics + _rounding_in_python(compensator, expansion, X)))
     steps = 1e-4 * (expansion.high - expansion.low)
     slopes = np.zeros(X.shape[1])
     for j, step in enumerate(steps):
@@ -117,6 +119,8 @@ def magnitudes(stream: Stream, compensator: Compensator) -> Array:
     columns: list[Array] = []
     for feature in pipeline.features:
         size = np.sum([largest[column] for column in feature.columns], axis=0)
+        if isinstance(feature, PhysicsTerm):
+            continue  # their range does not count
         if isinstance(feature, Rate):
             columns.append(SECONDS_PER_MINUTE / feature.time_constant_s * 8.0 * size)
         elif isinstance(feature, Lag):
@@ -131,8 +135,9 @@ def magnitudes(stream: Stream, compensator: Compensator) -> Array:
 
 
 def _status_within_rounding(stream: Stream, expansion: Expansion, margin: Array) -> npt.NDArray[np.int64]:
-    near = np.minimum(np.abs(stream.X - expansion.low), np.abs(stream.X - expansion.high)) <= margin
-    certain = ((stream.X < expansion.low - margin) | (stream.X > expansion.high + margin)).any(axis=1)
+    X = stream.X[:, : expansion.features]
+    near = np.minimum(np.abs(X - expansion.low), np.abs(X - expansion.high)) <= margin
+    certain = ((X < expansion.low - margin) | (X > expansion.high + margin)).any(axis=1)
     return np.where(stream.valid & near.any(axis=1) & ~certain, EITHER, stream.status)
 
 
@@ -140,8 +145,8 @@ def _rounding_in_python(compensator: Compensator, expansion: Expansion, X: Array
     model = compensator.model_
     if expansion.form not in ("gaussian", "wide"):
         return float(4.0 * _EPSILON * expansion.y_scale_deg_h * _absolute_terms(expansion, expansion.inputs(X)).max())
-    x = compensator.scaling_.inputs(X)
-    k = gaussian(x, model.X_fit_, sigma=model.sigma)
+    x = compensator.scaling_.inputs(X)[:, : expansion.features]
+    k = gaussian(x, np.ascontiguousarray(model.X_fit_[:, : expansion.features]), sigma=model.sigma)
     t = -np.log(np.maximum(k, np.finfo(np.float64).tiny))
     less_one = k - 1.0 if isinstance(model, LSSVMRegressor) else k
     computed = [less_one, k] if expansion.form == "gaussian" else [less_one]

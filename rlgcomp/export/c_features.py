@@ -8,7 +8,9 @@ from collections.abc import Callable, Sequence
 
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.features import Difference, Feature, Lag, Level, Memory, Rate, ReadoutDifference
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
+from rlgcomp.export.c_physics import TermCode, term_code
 from rlgcomp.export.target import Precision
 from rlgcomp.units import SECONDS_PER_MINUTE
 
@@ -19,17 +21,25 @@ class FeatureCode:
     Attributes
     ----------
     lines : list of str
-        One an input: `inputs[k] = ...;`.
+        One an input, `inputs[k] = ...;`, or a block for a term of known physics.
     starts : list of (int, str)
         Slots of memory that begin at a monitor's first value.
     slots, filters, plays : int
         Numbers of memory, low-pass filters and play operators.
+    terms : list of TermCode
+        Of known physics.
+    helpers : set of str
+        Functions of the template that these call.
+    relays : int
     """
 
     def __init__(self, columns: Sequence[str], prefix: str, precision: Precision, number: Callable[[float], str]) -> None:
         self.lines: list[str] = []
         self.starts: list[tuple[int, str]] = []
-        self.slots = self.filters = self.plays = 0
+        self.slots = self.filters = self.plays = self.relays = 0
+        self.terms: list[TermCode] = []
+        self.helpers: set[str] = set()
+        self._inputs = 0
         self._names = dict(zip(columns, identifiers(columns), strict=True))
         self._prefix, self._number = prefix, number
         self._slots_a_filter = 2 if precision == "float" else 1
@@ -42,8 +52,17 @@ class FeatureCode:
         InputError
             It has no C form, or a parameter is not a number it can have.
         """
+        if isinstance(feature, PhysicsTerm):
+            term = term_code(feature, self._inputs, self.slots, self.relays, self._monitor, self._number)
+            self.terms.append(term)
+            self.lines += term.lines
+            self.slots, self.relays, self.filters = self.slots + term.slots, self.relays + term.relays, self.filters + term.filters
+            self.helpers |= term.helpers
+            self._inputs += 1
+            return
         for expression in self._expressions(feature):
-            self.lines.append(f"inputs[{len(self.lines)}] = {expression};")
+            self.lines.append(f"inputs[{self._inputs}] = {expression};")
+            self._inputs += 1
 
     def _expressions(self, feature: Feature) -> list[str]:
         if isinstance(feature, Level):

@@ -16,9 +16,11 @@ import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.features import ReadoutDifference
 from rlgcomp.compensation.models.specification import parameters_of
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
 from rlgcomp.export.accuracy import Bounds
 from rlgcomp.export.c_features import feature_code, identifiers
+from rlgcomp.export.c_physics import require_exportable
 from rlgcomp.export.expansion import Expansion
 from rlgcomp.export.golden import LONGEST_STEP_S, Stream
 from rlgcomp.export.target import Precision
@@ -104,7 +106,9 @@ class Design:
     @property
     def table_bytes(self) -> int:
         """Bytes of the constant tables."""
-        return table_bytes(self.expansion, len(self.expansion.weights), self.precision)
+        terms = feature_code(self.compensator.pipeline_, "", self.precision, str).terms
+        physics = sum(len(values) for term in terms for _, values in term.tables) + 4 * len(terms)
+        return table_bytes(self.expansion, len(self.expansion.weights), self.precision) + BYTES[self.precision] * physics
 
 
 def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int:
@@ -127,11 +131,13 @@ def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int
 def state_bytes(design: Design) -> int:
     """Bytes of the state, the only memory that lasts, on a machine with 4-byte integers and doubles aligned to 8 bytes.
 
-    The time of the last sample, two answers and the memory; the time of a sample that was refused, aligned, and two integers.
+    The time of the last sample, two answers and the memory; the time of a sample that was refused, aligned, two integers, and a
+    byte for each relay.
     """
-    numbers = 2 + feature_code(design.compensator.pipeline_, "", design.precision, str).slots
+    code = feature_code(design.compensator.pipeline_, "", design.precision, str)
+    own = -(-(8 + BYTES[design.precision] * (2 + code.slots)) // 8) * 8
     offset = 0 if design.offset_s is None else 2 * 8 + 2 * 4
-    return -(-(8 + BYTES[design.precision] * numbers) // 8) * 8 + offset + 8 + 2 * 4
+    return -(-(own + offset + 8 + 2 * 4 + code.relays) // 8) * 8
 
 
 def operations(design: Design) -> dict[str, int]:
@@ -142,14 +148,31 @@ def operations(design: Design) -> dict[str, int]:
     a_centre = {"wide": d + 3 + series_terms(e, design.precision), "gaussian": 2 * d + 2, "matern": 2 * d + 3}.get(e.form, d + 1)
     a_centre += e.kernel_degree if e.form == "power" else 0
     whole = d * (d + 1) // 2 + 2 * d + 16 if e.form == "wide" else e.powers.size
+    terms = [feature for feature in design.compensator.pipeline_.features if isinstance(feature, PhysicsTerm)]
+    physics = sum(term.operators for term in code.terms) + 2 * len(terms)
     return {
-        "multiply_adds": 2 * d + code.filters * 3 + code.plays + whole + padded * a_centre + 1 + 6 * (design.offset_s is not None),
+        "multiply_adds": 2 * d
+        + code.filters * 3
+        + code.plays
+        + whole
+        + padded * a_centre
+        + 1
+        + 6 * (design.offset_s is not None)
+        + physics,
         "divisions": (design.offset_s is not None)
         + code.filters
         + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.pipeline_.features),
-        "exponentials": padded * (e.form in ("gaussian", "matern", "sigmoid") or (e.form == "wide" and e.largest_argument > 1.0)),
+        "exponentials": sum(len(term.table) for term in terms if term.function == "decay")
+        + padded * (e.form in ("gaussian", "matern", "sigmoid") or (e.form == "wide" and e.largest_argument > 1.0)),
         "square_roots": padded * (e.form == "matern"),
-        "comparisons": 4 * d + 2 * code.plays + code.filters + d + len(design.compensator.pipeline_.columns) + 2,
+        "comparisons": 4 * d
+        + 2 * code.plays
+        + code.filters
+        + d
+        + len(design.compensator.pipeline_.columns)
+        + 2
+        + sum(term.operators for term in code.terms)
+        + 2 * len(terms),
     }
 
 
@@ -216,7 +239,9 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     weights = np.zeros(blocks * lanes)
     weights[: len(e.weights)] = e.weights
     upper = e.quadratic - 0.5 * np.diag(np.diag(e.quadratic))
+    require_exportable([one for one in compensator.pipeline_.features if isinstance(one, PhysicsTerm)], precision, libm=design.libm)
     features = feature_code(compensator.pipeline_, design.name.upper(), precision, number)
+    helpers = features.helpers | ({"behind"} if features.filters else set()) | ({"left_behind"} if features.plays else set())
     notes = [run.get("notes") or {} for run in compensator.provenance_]
     terms = series_terms(e, precision)
     columns = compensator.pipeline_.columns
@@ -224,10 +249,15 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     return {
         "feature_lines": features.lines,
         "starts": features.starts,
+        "begins": [line for term in features.terms for line in term.begins],
+        "term_tables": [table for term in features.terms for table in term.tables],
+        "relays": features.relays,
+        "helpers": helpers,
+        "steps": bool(features.filters) or any("step_s" in line for line in features.lines),
+        "firsts": any("first ?" in line for line in features.lines),
+        "exponentials": e.form in ("gaussian", "wide", "matern", "sigmoid") or "decay" in helpers,
         "dark": any(isinstance(feature, ReadoutDifference) for feature in compensator.pipeline_.features),
         "slots": features.slots,
-        "low_passes": features.filters,
-        "plays": features.plays,
         "p": design.name,
         "P": design.name.upper(),
         "e": e,
@@ -269,7 +299,10 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "table_bytes": design.table_bytes,
         "centres_of_model": len(getattr(compensator.model_, "alpha_", ())),
         "monitors": monitors,
-        "inputs": list(zip(map(_comment_text, compensator.pipeline_.names), map(_short, e.low), map(_short, e.high), strict=True)),
+        "inputs": list(
+            zip(map(_comment_text, compensator.pipeline_.names[: e.features]), map(_short, e.low), map(_short, e.high), strict=True)
+        ),
+        "physics": list(map(_comment_text, compensator.pipeline_.names[e.features :])),
     }
 
 

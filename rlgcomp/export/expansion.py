@@ -71,6 +71,10 @@ class Expansion:
         z_i, and a_i or b_i.
     kernel_offset : float
     kernel_degree : int
+    physics_mean, physics_deg_h : ndarray, shape (terms,)
+        Of known physics, whose inputs follow the others: what is taken off each, and its coefficient in deg/h per unit.
+    physics_limits : ndarray, shape (2, terms)
+        Where they are clipped.
     """
 
     form: Form
@@ -92,6 +96,9 @@ class Expansion:
     weights: Array
     kernel_offset: float = 0.0
     kernel_degree: int = 1
+    physics_mean: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    physics_deg_h: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    physics_limits: Array = dataclasses.field(default_factory=lambda: np.zeros((2, 0)))
 
     @property
     def features(self) -> int:
@@ -99,15 +106,20 @@ class Expansion:
 
     def inputs(self, X: Array) -> Array:
         """x, shape (n, features), for unscaled inputs."""
-        return np.asarray((np.clip(X, self.least, self.most) - self.offset) / self.scale)
+        return np.asarray((np.clip(X[:, : self.features], self.least, self.most) - self.offset) / self.scale)
 
     def bias_deg_h(self, X: Array) -> Array:
-        """Bias, shape (n,), for unscaled inputs, shape (n, features)."""
-        return np.asarray(self.y_mean_deg_h + self.y_scale_deg_h * self.values(self.inputs(X)))
+        """Bias, shape (n,), for unscaled inputs, shape (n, features and terms of known physics)."""
+        return np.asarray(self.y_mean_deg_h + self.y_scale_deg_h * self.values(self.inputs(X))) + self.physics_of(X).sum(axis=1)
+
+    def physics_of(self, X: Array) -> Array:
+        """Each term of known physics, shape (n, terms)."""
+        return np.asarray((np.clip(X[:, self.features :], *self.physics_limits) - self.physics_mean) * self.physics_deg_h)
 
     def outside(self, X: Array) -> npt.NDArray[np.bool_]:
         """Rows with an input beyond the training range."""
-        return np.asarray(((X < self.low) | (self.high < X)).any(axis=1))
+        kernel = X[:, : self.features]
+        return np.asarray(((kernel < self.low) | (self.high < kernel)).any(axis=1))
 
     def values(self, x: Array) -> Array:
         """v, shape (n,)."""
@@ -217,15 +229,16 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
     InputError
         The model has no sample-by-sample form, or is of the user's own.
     """
-    beyond = scaling.reach * (scaling.high - scaling.low)
-    d = len(scaling.mean)
+    least, most = scaling.limits()
+    physics = list(scaling.linear)
+    d = len(scaling.mean) - len(physics)
     common: dict[str, Any] = {
-        "low": scaling.low,
-        "high": scaling.high,
-        "least": scaling.low - beyond,
-        "most": scaling.high + beyond,
-        "offset": scaling.mean,
-        "scale": scaling.scale,
+        "low": scaling.low[:d],
+        "high": scaling.high[:d],
+        "least": least[:d],
+        "most": most[:d],
+        "offset": scaling.mean[:d],
+        "scale": scaling.scale[:d],
         "y_mean_deg_h": scaling.y_mean_deg_h,
         "y_scale_deg_h": scaling.y_scale_deg_h,
         "reference_deg_h": reference_deg_h,
@@ -240,6 +253,12 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
         mapped = {"offset": scaling.mean + scaling.scale * model.centre_, "scale": scaling.scale * model.half_range_}
         return Expansion("polynomial", **common | mapped | {"constant": model.intercept_, "powers": model.coef_})
     if isinstance(model, LSSVMRegressor):
+        if physics:
+            coefficients = scaling.y_scale_deg_h * np.asarray(model.coef_) / scaling.scale[physics]
+            limits = np.vstack([least[physics], most[physics]])
+            common |= {"physics_mean": scaling.mean[physics], "physics_deg_h": coefficients, "physics_limits": limits}
+        if model.without_kernel:
+            return Expansion("polynomial", **common | {"constant": float(model.intercept_), "powers": np.zeros((1, d))})
         return _of_kernel(common, model.kernel_name, model, less_one=model.kernel_name == "gaussian")
     if isinstance(model, FixedSizeLSSVM):
         return _of_kernel(common, "gaussian", model, less_one=True)
@@ -253,7 +272,7 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
 
 def _of_kernel(common: dict[str, Any], name: str, model: Any, *, less_one: bool) -> Expansion:
     """A sum of kernels; `less_one`: 1 is taken off each kernel, as the LS-SVM does."""
-    weights, centres, intercept = model.alpha_, model.X_fit_, float(model.intercept_)
+    weights, centres, intercept = model.alpha_, model.X_fit_[:, : len(common["offset"])], float(model.intercept_)
     if name == "linear":
         exact = centres.T.astype(np.longdouble) @ weights
         return Expansion("polynomial", **common | {"constant": intercept, "powers": np.asarray(exact, dtype=np.float64)[None, :]})

@@ -90,6 +90,10 @@ def export(model: Path, out: Path, options: Options) -> OnnxExport:
         onnxruntime's answers in double precision are not Python's: a fault of the export. Nothing is written then.
     """
     compensator = load(model)
+    if compensator.scaling_.linear:
+        raise InputError(
+            "this model has known physics, whose hysteresis and filters have a state that ONNX does not hold; export it with --to c"
+        )
     whole = expansion_of(compensator)
     expansion, _ = sized(compensator, whole, options)
     name = options.name or name_from(model)

@@ -117,7 +117,8 @@ class Reduction:
         x = expansion.inputs(X)
         values = expansion.values(x)
         own = getattr(model, "method", "") == "svr"
-        target = (values if own else (y_deg_h - expansion.y_mean_deg_h) / expansion.y_scale_deg_h) - expansion.smooth(x)
+        learnt_deg_h = y_deg_h - expansion.physics_of(X).sum(axis=1)
+        target = (values if own else (learnt_deg_h - expansion.y_mean_deg_h) / expansion.y_scale_deg_h) - expansion.smooth(x)
         self._penalty = 1.0 / model.c
         self._errors = getattr(model, "weights_", np.ones(len(x)))
         order, basis = _greedy(expansion, x, values - expansion.smooth(x))

@@ -1,10 +1,10 @@
 /* Bias compensation of a ring laser gyro; see {{ p }}.h. Written by rlgcomp {{ version }}; do not edit. */
 #include "{{ p }}.h"
 
-{% if form == "matern" and libm %}
+{% if (form == "matern" and libm) or "cosine" in helpers %}
 #include <math.h>
 {% endif %}
-{% if form in ("gaussian", "wide", "matern", "sigmoid") %}
+{% if exponentials %}
 #include <stdint.h>
 #include <string.h>
 {% endif %}
@@ -15,7 +15,7 @@
 
 typedef {{ p }}_real real;
 
-enum { INPUTS = {{ P }}_INPUTS{% if blocks %}, LANES = {{ lanes }}, BLOCKS = {{ blocks }}{% endif %} };
+enum { INPUTS = {{ P }}_INPUTS{% if physics %}, TERMS = {{ P }}_TERMS{% endif %}{% if blocks %}, LANES = {{ lanes }}, BLOCKS = {{ blocks }}{% endif %} };
 
 /* A step of time that is longer is believed only if the next sample follows it. */
 static const double LONGEST_STEP_S = {{ longest_step_s }}.0;
@@ -30,6 +30,16 @@ static const real MOST[INPUTS] = { {{ listed(e.most) }} };
 /* Scaling: (input - OFFSET) * PER_SCALE. */
 static const real OFFSET[INPUTS] = { {{ listed(e.offset) }} };
 static const real PER_SCALE[INPUTS] = { {{ listed(1.0 / e.scale) }} };
+{% if physics %}
+/* Known physics: its coefficients in deg/h per unit, what is taken off each term, and where it is clipped. */
+static const real PHYSICS[TERMS] = { {{ listed(e.physics_deg_h) }} };
+static const real PHYSICS_MEAN[TERMS] = { {{ listed(e.physics_mean) }} };
+static const real PHYSICS_LEAST[TERMS] = { {{ listed(e.physics_limits[0]) }} };
+static const real PHYSICS_MOST[TERMS] = { {{ listed(e.physics_limits[1]) }} };
+{% for table, values in term_tables %}
+static const real {{ table }}[{{ values|length }}] = { {{ listed(values) }} };
+{% endfor %}
+{% endif %}
 {% if form == "polynomial" %}
 
 static const real POWERS[{{ e.powers|length }}][INPUTS] = {
@@ -67,7 +77,7 @@ static const real WEIGHTS[BLOCKS][LANES] = {
 
 /* Infinity and NaN less themselves are NaN. */
 #define IS_FINITE(value) ((value) - (value) == 0)
-{% if form in ("gaussian", "wide", "matern", "sigmoid") %}
+{% if exponentials %}
 
 /* exp(t) for -1e5 <= t <= 16, to which clipped inputs confine it: 2^k times the series of exp on |r| <= ln(2) / 2, and 0 where
  * 2^k would be below the smallest normal number. Relative error below {{ exp.error }}. Nothing in it depends on a comparison of real
@@ -210,10 +220,13 @@ static real sum_over_centres(const real x[INPUTS])
 
 /* Bias in deg/h of the model's inputs. *outside becomes by how many spans of its training range inputs lie beyond it, summed, and
  * *flagged 1 where one does. */
-static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
+static real bias_of(const real inputs[INPUTS{{ " + TERMS" if physics }}], real *outside, int *flagged)
 {
     real x[INPUTS];
     real v;
+{% if physics %}
+    real known = 0;
+{% endif %}
     int j;
 {% if form == "wide" %}
     real square = 0, sums = 0, fall;
@@ -257,9 +270,20 @@ static real bias_of(const real inputs[INPUTS], real *outside, int *flagged)
 {% else %}
     v = {{ e.constant|number }}{% if blocks %} + sum_over_centres(x){% endif %};
 {% endif %}
+{% if physics %}
+    for (j = 0; j < TERMS; ++j) {
+        real term = inputs[INPUTS + j];
+
+        term = term < PHYSICS_LEAST[j] ? PHYSICS_LEAST[j] : term;
+        term = term > PHYSICS_MOST[j] ? PHYSICS_MOST[j] : term;
+        known += PHYSICS[j] * (term - PHYSICS_MEAN[j]);
+    }
+    return {{ e.y_mean_deg_h|number }} + {{ e.y_scale_deg_h|number }} * v + known;
+{% else %}
     return {{ e.y_mean_deg_h|number }} + {{ e.y_scale_deg_h|number }} * v;
+{% endif %}
 }
-{% if low_passes %}
+{% if "behind" in helpers %}
 
 /* First-order low-pass filter by the backward Euler rule: how far its output is behind the monitor after this step. */
 static real behind(real *state, real monitor, real step_s, real time_constant_s)
@@ -279,7 +303,18 @@ static real behind(real *state, real monitor, real step_s, real time_constant_s)
 {% endif %}
 }
 {% endif %}
-{% if plays %}
+{% if "low_passed" in helpers %}
+
+/* The same filter's output. */
+static real low_passed(real *state, real value, real step_s, real time_constant_s)
+{
+    const real share = step_s > 0 ? step_s / (time_constant_s + step_s) : 0;
+
+    *state = *state + share * (value - *state);
+    return *state;
+}
+{% endif %}
+{% if "left_behind" in helpers %}
 
 /* Play operator: where it has been left, relative to the monitor. */
 static real left_behind(real *state, real monitor, real radius)
@@ -292,14 +327,118 @@ static real left_behind(real *state, real monitor, real radius)
     return *state - monitor;
 }
 {% endif %}
+{% if "lags" in helpers %}
+
+/* Weighted sum of how far filters of several time constants are behind. */
+static real lags(real *states, real value, real step_s, const real *times, const real *weights, int count)
+{
+    real total = 0;
+    int j;
+
+    for (j = 0; j < count; ++j) {
+        total += weights[j] * behind(&states[j], value, step_s, times[j]);
+    }
+    return total;
+}
+{% endif %}
+{% if "plays" in helpers %}
+
+/* Weighted sum of play operators of several radii, relative to their input. */
+static real plays(real *states, real value, const real *radii, const real *weights, int count)
+{
+    real total = 0;
+    int j;
+
+    for (j = 0; j < count; ++j) {
+        total += weights[j] * left_behind(&states[j], value, radii[j]);
+    }
+    return total;
+}
+{% endif %}
+{% if "relays" in helpers %}
+
+/* Relays at the first value: on from their levels upwards. */
+static void begin_relays(unsigned char *on, real value, const real *levels, int count)
+{
+    int j;
+
+    for (j = 0; j < count; ++j) {
+        on[j] = value >= levels[j];
+    }
+}
+
+/* Weighted sum of relays, each on from one threshold upwards until another downwards. */
+static real relays(unsigned char *on, real value, const real *up, const real *down, const real *weights, int count)
+{
+    real total = 0;
+    int j;
+
+    for (j = 0; j < count; ++j) {
+        if (value >= up[j]) {
+            on[j] = 1;
+        } else if (value <= down[j]) {
+            on[j] = 0;
+        }
+        total += on[j] ? weights[j] : 0;
+    }
+    return total;
+}
+{% endif %}
+{% if "table" in helpers %}
+
+/* A function by cubics between knots, straight lines beyond. */
+static real table(real value, const real *knots, const real *values, const real *cubics, int count, real below, real above)
+{
+    const real *c;
+    real t;
+    int low = 0, high = count - 1;
+
+    if (value < knots[0]) {
+        return values[0] + below * (value - knots[0]);
+    }
+    if (value >= knots[high]) {
+        return values[high] + above * (value - knots[high]);
+    }
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+
+        if (value >= knots[middle]) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    c = cubics + 4 * low;
+    t = value - knots[low];
+    return ((c[0] * t + c[1]) * t + c[2]) * t + c[3];
+}
+{% endif %}
+{% if "decay" in helpers %}
+
+/* exp(-t) for t >= 0. */
+static real decay(real t)
+{
+    return t > {{ 700.0|number }} ? 0 : exponential(-t);
+}
+{% endif %}
 
 void {{ p }}_init({{ p }}_state *state)
 {
+{% if relays %}
+    int relay;
+{% endif %}
 {% if slots %}
     int slot;
+{% endif %}
 
+{% if slots %}
     for (slot = 0; slot < {{ slots }}; ++slot) {
         state->memory[slot] = 0;
+    }
+{% endif %}
+{% if relays %}
+    for (relay = 0; relay < {{ relays }}; ++relay) {
+        state->relays[relay] = 0;
     }
 {% endif %}
     state->time_s = 0;
@@ -333,12 +472,12 @@ static int answer(const {{ p }}_state *state, int status, {{ p }}_result *result
 int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitors[{{ P }}_MONITORS], {{ p }}_result *result)
 {
     {{ p }}_state next = *state; /* kept once the sample is known to be valid */
-    real inputs[INPUTS];
-{% if low_passes %}
+    real inputs[INPUTS{{ " + TERMS" if physics }}];
+{% if steps %}
     real step_s;
 {% endif %}
     real outside = 0;
-    int k, flagged = 0, valid = IS_FINITE(time_s);
+    int k, {{ "first = !state->started, " if firsts }}flagged = 0, valid = IS_FINITE(time_s);
 
     for (k = 0; k < {{ P }}_MONITORS; ++k) {
         valid = valid && IS_FINITE(monitors[k]);
@@ -367,8 +506,11 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
 {% for slot, monitor in starts %}
         next.memory[{{ slot }}] = monitors[{{ P }}_{{ monitor }}];
 {% endfor %}
+{% for line in begins %}
+        {{ line }}
+{% endfor %}
     }
-{% if low_passes %}
+{% if steps %}
     step_s = (real)(time_s - next.time_s);
 {% endif %}
     next.time_s = time_s;
@@ -377,7 +519,7 @@ int {{ p }}_step({{ p }}_state *state, double time_s, const {{ p }}_real monitor
     {{ line }}
 {% endfor %}
 
-    for (k = 0; k < INPUTS; ++k) {
+    for (k = 0; k < INPUTS{{ " + TERMS" if physics }}; ++k) {
         if (!IS_FINITE(inputs[k])) {
             return answer(state, {{ P }}_INVALID, result);
         }

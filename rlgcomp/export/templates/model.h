@@ -50,6 +50,14 @@ enum {
  */
 #define {{ P }}_INPUTS {{ e.features }}
 #define {{ P }}_CENTRES {{ e.centres|length }}
+{% if physics %}
+/* Known physics, whose range does not count:
+{% for name in physics %}
+ *   {{ name }}
+{% endfor %}
+ */
+#define {{ P }}_TERMS {{ physics|length }}
+{% endif %}
 
 enum { {{ P }}_OK = 0, {{ P }}_OUT_OF_RANGE = 1, {{ P }}_INVALID = 2 };
 
@@ -69,6 +77,9 @@ typedef struct {
     double refused_s; /* time of the last sample that came too far ahead or not later */
     int refused;      /* how many of these followed each other */
     int started;
+{% if relays %}
+    unsigned char relays[{{ relays }}]; /* hysteresis and hops: which are on */
+{% endif %}
 } {{ p }}_state;
 
 typedef struct {
