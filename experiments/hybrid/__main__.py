@@ -1,7 +1,7 @@
 """Held-out residuals of hybrid compensations over the noise floor, beside the LS-SVM alone and the physics alone.
 
-Every unit is diagnosed on its training runs against a simulator without the concealed cause, the augmented simulator is the physics of
-the hybrid, and the held-out run has another programme. Seeds are this experiment's own.
+Every unit is diagnosed on its training runs against a simulator without the concealed cause, the augmented simulator is the physics
+of the hybrid, and the held-out run has another programme. Seeds are this experiment's own.
 """
 
 from __future__ import annotations

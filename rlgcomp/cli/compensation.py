@@ -95,7 +95,9 @@ def train(
     simulator: Annotated[
         Path | None,
         typer.Option(
-            "--simulator", metavar="SIM.yaml", help="Of --physics auto: what is known before; else a cubic in temperature and its rate."
+            "--simulator",
+            metavar="SIM.yaml",
+            help="Of --physics auto: what is known before; else a cubic in temperature and its rate.",
         ),
     ] = None,
     export: Annotated[
@@ -213,7 +215,11 @@ def train(
         )
         if physics is not None:
             shown = [
-                {"part": part["part"], "rms, deg/h": part["rms_deg_h"], "share of the bias's variance": f"{100 * part['share']:.1f} %"}
+                {
+                    "part": part["part"],
+                    "rms, deg/h": part["rms_deg_h"],
+                    "share of the bias's variance": f"{100 * part['share']:.1f} %",
+                }
                 for part in compensator.parts().to_dict("records")
             ]
             show_table("What each part does in training", shown)

@@ -190,16 +190,12 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             chosen = ChosenInputs.of(self.pipeline_, self.training_, samples, further)
             self.pipeline_, self.training_, samples = chosen.pipeline, chosen.training, chosen.samples
             self.unused_, not_told_apart = chosen.unused, chosen.remarks
-        without_form: tuple[Message, ...] = ()
-        if self.physics is not None:
-            hybrid = HybridInputs.of(self.physics, runs, self.pipeline_, self.training_, samples, self.averaging_s, self.gyro)
-            self.pipeline_, self.training_, samples = hybrid.pipeline, hybrid.training, hybrid.samples
-            without_form = hybrid.left_out
-        linear = self.pipeline_.physics
+        hybrid = HybridInputs.of(self.physics, runs, self.pipeline_, self.training_, samples, self.averaging_s, self.gyro)
+        self.pipeline_, self.training_, samples = hybrid.pipeline, hybrid.training, hybrid.samples
         self.gyro_ = runs[0].gyro_column(self.gyro)
         self.specification_ = specification_of(model)
-        reach = 0.0 if self.specification_ is None or linear else self.specification_.reach
-        self.scaling_ = Scaling.of(self.training_, samples, reach, linear)
+        reach = 0.0 if self.specification_ is None else self.specification_.reach
+        self.scaling_ = Scaling.of(self.training_, samples, reach, self.pipeline_.physics)
         if not self.keep_mean:
             warn_of_earth_rate(self.scaling_.y_mean_deg_h, runs)
         X, y, groups = self.training_rows()
@@ -210,8 +206,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         model = clone(model)
         if len(runs) == 1 and model.get_params().get("run_variance", 0.0) is None:
             model.set_params(run_variance=0.0)  # blocks of one run have one bias
-        if linear:
-            model.set_params(linear=linear)
+        if self.pipeline_.physics:
+            model.set_params(linear=self.pipeline_.physics)
         if model.get_params().get("linear") == DYNAMICS:
             model.set_params(linear=self.pipeline_.dynamic)
         self.selection_ = (
@@ -230,7 +226,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             *nearly_standard(runs, self.features),
             *omitted_groups(runs, self.features),
             *not_told_apart,
-            *without_form,
+            *hybrid.left_out,
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
             *on_interval(self.interval_),
             *on_errors_below_noise(self.selection_.rmse, self.scaling_, raw, self.gyro, self.averaging_s),

@@ -15,9 +15,9 @@ time       m = time since the first sample in s
 =========  ============================================================================================================
 
 and f one of: identity, power :math:`(m - c)^k`, magnitude abs(m), table (monotone cubics between knots, straight lines beyond),
-decay :math:`\sum_j w_j e^{-m / k_j}`, cosine and sine of :math:`2 \pi k m`, product :math:`(m - c)(b - c_2)`. g is a further
-column or 1. With `derivative_s`, p is what a first-order low-pass filter of that time takes off it. Every sum is taken term by term,
-so that a sample alone, a whole recording and C code have the same bits but for the library's exp, cos and sin.
+decay :math:`\sum_j w_j e^{-m / k_j}`, cosine and sine of :math:`2 \pi k m`, product :math:`(m - c)(b - c_2)`. g is a
+further column or 1. With `derivative_s`, p is what a first-order low-pass filter of that time takes off it. Every sum is taken
+term by term, so that a sample alone, a whole recording and C code have the same bits but for the library's exp, cos and sin.
 """
 
 from __future__ import annotations
@@ -117,7 +117,8 @@ class PhysicsTerm:
 
     def init(self, sample: Array) -> State:
         """State at the first sample: of the memory, and of the derivative, which begins with the first value."""
-        u = float(self._signal(sample[None, :])[0])
+        with np.errstate(all="ignore"):
+            u = float(self._signal(sample[None, :])[0])
         memory: State = None
         if self.memory in ("rate", "lag"):
             memory = u
@@ -136,7 +137,11 @@ class PhysicsTerm:
         """Levels from which on each relay begins on."""
         if self.start > 0.0:
             return self.knots
-        return self.knots_2 if self.start < 0.0 else tuple(0.5 * (up + down) for up, down in zip(self.knots, self.knots_2, strict=True))
+        return (
+            self.knots_2
+            if self.start < 0.0
+            else tuple(0.5 * (up + down) for up, down in zip(self.knots, self.knots_2, strict=True))
+        )
 
     def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
         memory, filtered = state

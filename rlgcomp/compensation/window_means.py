@@ -77,8 +77,9 @@ class Scaling:
         samples : sequence of ndarray, shape (samples, features)
             Features of every sample of the training runs, for the range.
         reach : float
-            In spans of the range.
+            In spans of the range. With known physics it is 0: what is learnt beside it keeps its value at the edge.
         linear : tuple of int
+            Inputs that are known physics.
         """
         X = np.vstack([part.X for part in training])
         y = np.concatenate([part.y_deg_h for part in training])
@@ -92,7 +93,7 @@ class Scaling:
             high=high + MARGIN * (high - low),
             y_mean_deg_h=float(y.mean()),
             y_scale_deg_h=float(y.std()) or 1.0,
-            reach=reach,
+            reach=0.0 if linear else reach,
             linear=linear,
         )
 

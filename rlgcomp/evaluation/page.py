@@ -94,6 +94,7 @@ def render(
         search=figures.search(compensator.selection_.table),
         contributions=[(run.name, figures.contributions(run)) for run in simulated if run.truth is not None],
         pivot=_pivot(evaluation.comparison),
+        parts=_part_table(compensator.parts()),
     )
 
 
@@ -110,6 +111,18 @@ def _run_table(evaluation: EvaluationRecord) -> pd.DataFrame:
             "residual mean (deg/h)": [f"{run.residual_mean_deg_h:+.5f}" for run in evaluation.runs],
             "out of range": [f"{100 * run.out_of_range:.1f} %" for run in evaluation.runs],
             "in the 90 % interval": [f"{100 * run.in_interval:.1f} %" for run in evaluation.runs],
+        }
+    )
+
+
+def _part_table(parts: pd.DataFrame) -> pd.DataFrame | None:
+    if parts.empty:
+        return None
+    return pd.DataFrame(
+        {
+            "part": parts["part"],
+            "rms (deg/h)": [f"{value:.5f}" for value in parts["rms_deg_h"]],
+            "share of the bias's variance": [f"{100.0 * value:.1f} %" for value in parts["share"]],
         }
     )
 

@@ -205,4 +205,6 @@ def require_exportable(terms: Sequence[PhysicsTerm], precision: str, *, libm: bo
 
 def _comment(text: str) -> str:
     """Text that a C comment can hold."""
-    return "".join(character if character.isalnum() or character in " ._-" else "-" for character in text if character.isascii())[:120]
+    return "".join(character if character.isalnum() or character in " ._-" else "-" for character in text if character.isascii())[
+        :120
+    ]

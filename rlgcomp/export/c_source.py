@@ -97,6 +97,8 @@ class Design:
                 f"--name {self.name!r} cannot begin C identifiers; it must be up to 40 small letters, digits and underscores, "
                 "a letter first"
             )
+        features = self.compensator.pipeline_.features
+        require_exportable([one for one in features if isinstance(one, PhysicsTerm)], self.precision, libm=self.libm)
 
     @property
     def blocks(self) -> int:
@@ -239,7 +241,6 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
     weights = np.zeros(blocks * lanes)
     weights[: len(e.weights)] = e.weights
     upper = e.quadratic - 0.5 * np.diag(np.diag(e.quadratic))
-    require_exportable([one for one in compensator.pipeline_.features if isinstance(one, PhysicsTerm)], precision, libm=design.libm)
     features = feature_code(compensator.pipeline_, design.name.upper(), precision, number)
     helpers = features.helpers | ({"behind"} if features.filters else set()) | ({"left_behind"} if features.plays else set())
     notes = [run.get("notes") or {} for run in compensator.provenance_]
