@@ -172,9 +172,9 @@ class PhysicsTerm:
             case "lag":
                 return low_pass(state, u, step_s, self.time_s)
             case "lags":
-                slow = [low_pass(y, u, step_s, tau) for y, tau in zip(state, self.knots, strict=True)]
-                parts = (w * (values - u) for w, (values, _) in zip(self.weights, slow, strict=True))
-                return sum(parts, np.zeros(len(u))), [last for _, last in slow]
+                filtered = [low_pass(y, u, step_s, tau) for y, tau in zip(state, self.knots, strict=True)]
+                parts = (w * (values - u) for w, (values, _) in zip(self.weights, filtered, strict=True))
+                return sum(parts, np.zeros(len(u))), [last for _, last in filtered]
             case "plays":
                 states = play_paths(u[:, None], np.array(self.knots), state)
                 parts = (w * (left - u) for w, left in zip(self.weights, states.T, strict=True))
