@@ -24,7 +24,7 @@ ROWS = [
     ["units"],
     ["scratch"],
     ["files"],
-    ["report.messages", "report.notebook", "report.drawing"],
+    ["report.messages", "report.notebook", "report.svg", "report.drawing", "report.page"],
     ["numerics"],
     ["recording"],
     ["noise"],

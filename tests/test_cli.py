@@ -117,7 +117,7 @@ def test_the_whole_way(folder: Path, tmp_path: Path) -> None:
     result = run("evaluate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "report", "--no-comparison")
     assert result.exit_code == 0
     assert "Bias stability held out" in result.output
-    assert {item.name for item in (tmp_path / "report").iterdir()} == {"report.html", "evaluation.json"}
+    assert {item.name for item in (tmp_path / "report").iterdir()} == {"report.html", "evaluation.json", "figures"}
     result = run("compensate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "clean.csv.gz")
     assert result.exit_code == 0
     before, after = rlg.read(folder / "run3.parquet"), rlg.read(tmp_path / "clean.csv.gz")
@@ -491,6 +491,7 @@ def test_demo_quick(tmp_path: Path) -> None:
     assert made == {
         "report.html",
         "evaluation.json",
+        "figures",
         "model",
         "simulator.yaml",
         "diagnosis",
@@ -500,7 +501,8 @@ def test_demo_quick(tmp_path: Path) -> None:
     }
     rlg.load(tmp_path / "demo" / "model")
     diagnosis = tmp_path / "demo" / "diagnosis"
-    assert {item.name for item in diagnosis.iterdir()} == {"report.html", "diagnosis.json", "augmented.yaml", "simulator.yaml"}
+    files = {"report.html", "diagnosis.json", "augmented.yaml", "simulator.yaml"}
+    assert {item.name for item in diagnosis.iterdir()} == {*files, "figures"}
     written = json.loads((diagnosis / "diagnosis.json").read_text())
     assert written.pop("provenance")["command"].startswith("rlgcomp demo")
     assert written == {key: value for key, value in reported["diagnosis"].items() if key != "provenance"}

@@ -87,7 +87,7 @@ def test_the_command_line_of_the_contract(files: Path, engine: dict[str, Any], t
     out = tmp_path / "out"
     done = run("diagnose", "--simulator", files / "sim.yaml", "--train", *runs[:2], "--test", *runs[2:], "--out", out)
     assert done.exit_code == 0, done.output
-    assert {path.name for path in out.iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html"}
+    assert {path.name for path in out.iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html", "figures"}
     assert json.loads((out / "diagnosis.json").read_text())["schema"] == "rlgcomp.diagnosis/1"
     assert "simulator" in done.output
     assert [r.name for r in engine["train"]] == ["run0", "run1"]

@@ -236,7 +236,7 @@ def test_the_command_writes_what_it_found(folder: Path, tmp_path: Path) -> None:
     assert [one["mechanism"] for one in content["findings"]] == ["supply_voltage"]
     assert [Path(one["file"]).name for one in content["runs"]["confirm"]] == ["run1.parquet"]
     assert all(len(one["sha256"]) == 64 for part in content["runs"].values() for one in part)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"diagnosis.json", "augmented.yaml", "report.html", "figures"}
 
 
 def test_the_command_diagnoses_a_quantity_that_is_no_gyro(folder: Path, tmp_path: Path) -> None:

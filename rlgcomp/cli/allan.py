@@ -199,7 +199,7 @@ def _write(out: Path, analyses: list[Any], title: str, tools: list[str]) -> None
     import pandas as pd
 
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.allan_figure import allan_picture
+    from rlgcomp.report.allan import allan_picture
 
     texts = {}
     if tools:

@@ -111,7 +111,7 @@ def _pm(value: float, sd: float) -> str:
 
 def _write(result: Any, out: Path) -> None:
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.arw_figures import pictures
+    from rlgcomp.report.arw import pictures
 
     with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "arw.json", result.to_mapping())
@@ -122,6 +122,6 @@ def _write(result: Any, out: Path) -> None:
                 one.spectrum.to_frame().to_csv(folder / f"{stem}_orders.csv", index=False)
                 one.after.to_frame().to_csv(folder / f"{stem}_allan.csv", index=False)
                 for name, picture in pictures(one).items():
-                    (folder / f"{stem}_{name}.svg").write_text(picture, encoding="utf-8")
+                    (folder / f"{stem}_{name}.svg").write_text(picture.svg, encoding="utf-8")
                 advance(done, len(result.gyros))
     notify(f"{out}: arw.json, arw.csv, and tables and pictures of {len(result.gyros)} gyros")

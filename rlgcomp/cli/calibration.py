@@ -17,6 +17,7 @@ from rlgcomp.cli.base import (
     PulseArcsec,
     Runs,
     command,
+    interval_of,
     place_with,
     progress,
     read_runs,
@@ -76,7 +77,7 @@ def calibrate(
     require_unread(out, runs)
     require_writable(out)
     require_replaceable(out, overwrite=overwrite, written=is_result)
-    writes = ["curves.csv", "report.html"]
+    writes = ["curves.csv", "report.html", "figures/*.svg"]
     if report is not None:
         if out.resolve().parent == report.resolve():
             writes.append(glob.escape(out.name))
@@ -94,7 +95,8 @@ def calibrate(
         write_calibration(out, calibration.content, overwrite=overwrite)
     else:
         with whole_folder(report, writes=writes) as folder:
-            write_calibration_report(folder, calibration)
+            files = [interval_of(spec)[0] for spec in runs]
+            write_calibration_report(folder, calibration, files, [run.metadata for run in recordings])
             if (together := place_with(folder, report, out)) is not None:
                 require_replaceable(out, overwrite=overwrite, written=is_result)
                 write_calibration(together, calibration.content)

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from rlgcomp.report.messages import Message
 
 MANY_ROWS: Final = 5000  # that a processor fits in minutes, not seconds
-EVALUATION: Final = ("evaluation.json", "report.html")  # what `evaluate` writes
+EVALUATION: Final = ("evaluation.json", "report.html", "figures/*.svg")  # what `evaluate` writes
 Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model folder, as `train` writes it.")]
 
 
@@ -348,7 +348,13 @@ def evaluate(
     evaluation = dataclasses.replace(evaluation, input_remarks=(*differences, *evaluation.input_remarks))
     with whole_folder(out, writes=EVALUATION) as folder:
         write_report(
-            folder, evaluation, compensator, title=f"Bias compensation: {model.name}", simulated=recordings[:1], inputs=inputs
+            folder,
+            evaluation,
+            compensator,
+            title=f"Bias compensation: {model.name}",
+            simulated=recordings[:1],
+            inputs=inputs,
+            tested=[run.metadata for run in recordings],
         )
     if as_json:
         show_json(from_json(read_text(out / EVALUATION[0])))

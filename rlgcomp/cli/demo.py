@@ -78,11 +78,19 @@ def demo(
             write(run, folder / f"{run.name}.parquet")
         unit.to_yaml(folder / "simulator.yaml")
         compensator.save(folder / "model")
-        write_report(folder, evaluation, compensator, title="Bias compensation of a simulated ring laser gyro", simulated=runs[2:])
+        write_report(
+            folder,
+            evaluation,
+            compensator,
+            title="Bias compensation of a simulated ring laser gyro",
+            simulated=runs[2:],
+            tested=[run.metadata for run in runs],
+        )
         (folder / "diagnosis").mkdir()
         simulator.to_yaml(folder / "diagnosis" / "simulator.yaml")
         diagnosis.save(folder / "diagnosis")
-        diagnosis.report(folder / "diagnosis" / "report.html")
+        truth = {mechanism.name: mechanism for mechanism in unit.mechanisms if mechanism.name == concealed}
+        diagnosis.report(folder / "diagnosis" / "report.html", truth=truth, figures=folder / "diagnosis" / "figures")
     if as_json:
         show_json(evaluation.to_mapping() | {"concealed": concealed, "diagnosis": diagnosis.to_mapping()})
         return

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 RUNS = "RUN..."
 Reading = tuple[list[str] | None, list[str] | None, float | None, Path | None, float | None]  # --map --drop --pulse-arcsec, …
-FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html")  # what `diagnose` writes
+FILES: Final = ("diagnosis.json", "augmented.yaml", "report.html", "figures/*.svg")  # what `diagnose` writes
 
 
 @command("diagnose", several=("--train", "--test", "--confirm", "--simulated", "--mechanisms", "--without", "--only"))
@@ -188,7 +188,7 @@ def diagnose(
     diagnosis = diagnosis.of_files(files[0], files[2], _file_of(simulator), files[1])
     with whole_folder(out, writes=FILES) as folder:
         diagnosis.save(folder)
-        diagnosis.report(folder / "report.html")
+        diagnosis.report(folder / "report.html", figures=folder / "figures")
     if as_json:
         show_json(from_json(read_text(out / "diagnosis.json")))
         return

@@ -2,103 +2,224 @@
 
 from __future__ import annotations
 
-import importlib.resources
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
 
-import rlgcomp
 from rlgcomp.diagnosis import text
 from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
+from rlgcomp.diagnosis.text import cause_words
 from rlgcomp.files import write_text
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import is_gyro
 from rlgcomp.report.messages.diagnosis import MEMORIES
-from rlgcomp.report.messages.wording import estimate_text, listing, p_text, probability_text, rms_text, time_text
-from rlgcomp.units import typeset
+from rlgcomp.report.messages.wording import (
+    estimate_text,
+    interval_text,
+    listing,
+    p_text,
+    percent_text,
+    probability_text,
+    rms_text,
+    time_text,
+)
+from rlgcomp.report.page import digests, in_words
+from rlgcomp.report.page import render as render_page
+from rlgcomp.report.svg import Picture, save_pictures
 
 _ROWS: Final = 13  # of a function's table on the page
+_VERDICTS: Final = {
+    "none": "nothing missing",
+    "explained": "explained",
+    "ambiguous": "not told apart",
+    "unknown": "no known mechanism",
+}
+_WRITTEN: Final = ("diagnosis.json", "augmented.yaml")
 
 
-def write_page(path: str | Path, record: Record) -> None:
-    """Write the page, whole or not at all."""
-    write_text(path, render(record))
+def write_page(
+    path: str | Path, record: Record, *, truth: Mapping[str, Mechanism] | None = None, figures: str | Path | None = None
+) -> None:
+    """Write the page, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    record : Record
+    truth : mapping of str to Mechanism, optional
+        What was concealed, by name, where it is known: it is shown beside what was found.
+    figures : path, optional
+        Folder in which each figure is saved as an SVG file as well.
+    """
+    page, pictures = _page(record, truth, Path(path).parent)
+    write_text(path, page)
+    if figures is not None:
+        save_pictures(Path(figures), pictures)
 
 
-def render(record: Record) -> str:
-    """The page as HTML text."""
-    import jinja2
+def render(record: Record, truth: Mapping[str, Mechanism] | None = None) -> str:
+    """The page as HTML text; `truth` as of :func:`write_page`."""
+    return _page(record, truth, None)[0]
 
+
+def _page(record: Record, truth: Mapping[str, Mechanism] | None, folder: Path | None) -> tuple[str, list[Picture]]:
+    """The page and its pictures."""
     from rlgcomp.diagnosis import pictures
 
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rlgcomp", "report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: typeset(value) if type(value) is str else value,  # drawings and tables are markup by then
-    )
     proof = record.test or record.train
     gained = gain(record)
-    return environment.get_template("diagnosis.html").render(
+    functions = [pictures.function(record, k, truth) for k in range(len(record.members))]
+    shown = {
+        "probabilities": pictures.probabilities(record),
+        "errors": pictures.scores(proof),
+        "runs": pictures.before_and_after(record),
+    }
+    names = tuple(record.catalogue)
+    made = dict(record.made) | {"seed": record.request.seed, "inputs": _inputs(record)}
+    page = render_page(
+        "diagnosis.html",
         title=_title(record),
-        style=importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8"),
-        version=rlgcomp.__version__,
+        remarks=remarks(record),
+        made=made,
+        tested=[run.recording.metadata for run in (*record.after.data.runs, *record.confirm_runs, *record.test_runs)],
+        files=digests(made, () if folder is None else (folder / name for name in _WRITTEN)),
+        words=names,
         record=record,
-        about=_about(record),
-        headline=headline(record).text,
-        gain="" if gained is None else gained.text,
+        verdict=_VERDICTS[record.verdict],
+        headline=in_words(headline(record).text, names),
+        gain="" if gained is None else in_words(gained.text, names),
         changed=record.verdict != "none",
+        is_gyro=is_gyro(record.request.channel),
         before=rms_text(proof.baseline_rms, proof.noise_floor_rms),
         after=rms_text(proof.augmented_rms, proof.noise_floor_rms),
+        improvement=percent_text(proof.improvement),
+        interval=interval_text(proof.improvement_ci95),
         proof=proof,
         proven=record.test is not None,
         averaging=time_text(proof.averaging_s),
-        remarks=[one.text for one in remarks(record)],
-        members=_frame(text.MEMBER_COLUMNS, text.member_rows(record)).drop(columns="parameters", errors="ignore"),
-        findings=[_finding(one, pictures.function(one)) for one in record.members],
+        held_out=[f"{run.name} ({time_text(run.bins * run.grid.bin_s)})" for run in record.test_runs],
+        set_probability=probability_text(record.probability),
+        answers=_answers(record),
+        parameters=_parameters(record),
+        next=_next(record, names),
+        concealed=None if truth is None else _concealed(record, truth),
+        findings=[_finding(one, picture) for one, picture in zip(record.members, functions, strict=True)],
         null=probability_text(record.healthy),
         p_value=p_text(record.p_value),
         places=_frame(("place", "share"), text.place_rows(record)),
-        sets=pictures.sets(record),
         alike=[
-            f"{one.name}: {listing(list(one.indistinguishable_from), 'or')}" for one in record.members if one.indistinguishable_from
+            cause_words(f"{one.name}: {listing(list(one.indistinguishable_from), 'or')}")
+            for one in record.members
+            if one.indistinguishable_from
         ],
-        bars=pictures.scores(proof),
-        runs=pictures.before_and_after(record),
         scores=_frame(text.SCORE_COLUMNS, text.score_rows(record)),
-        next=None if record.next_message is None else record.next_message.text,
         baseline=_baseline(record),
         noise=_frame(("noise", "strength"), [[name, f"{value:.3g}"] for name, value in record.noise.to_mapping().items() if value]),
+        about=_about(record),
         citations=record.citations,
+        **shown,
     )
+    return page, [*functions, *(one for one in shown.values() if one is not None)]
 
 
 def _title(record: Record) -> str:
+    simulator = record.request.simulator[:1].upper() + record.request.simulator[1:]
     if record.verdict == "none":
         return "Nothing is missing that the training runs show"
-    return f"What {record.request.simulator} is missing"
+    names = [cause_words(one.name) for one in record.causes]
+    names += [f"a law of {listing(list(one.drivers)) or 'no recorded column'}" for one in record.laws]
+    names += ["a slow error of no recorded column"] if record.decision.wander else []
+    if not names:
+        return f"{simulator} leaves more noise than is stated"
+    return f"{simulator} lacks {listing(names)}"
+
+
+def _answers(record: Record) -> pd.DataFrame:
+    """Causes of the first screen: probability, size, what they follow."""
+    columns = ("cause", "probability", f"rms, {record.unit}", "follows", "perhaps instead")
+    rows = [
+        [
+            cause_words(one.name) if one.named else f"a law ({MEMORIES[one.memory]})",
+            probability_text(one.probability),
+            f"{one.rms:.3g}",
+            ", ".join(one.drivers) or "no column",
+            cause_words(listing(list(one.indistinguishable_from), "or")),
+        ]
+        for one in record.members
+    ]
+    return _frame(columns, rows)
+
+
+def _parameters(record: Record) -> pd.DataFrame:
+    """All numbers that the runs determine: of the findings, and of the simulator fitted together with them."""
+    rows = [
+        [cause_words(one.name), name, estimate_text(each.value, each.sd, each.unit)]
+        for one in record.members
+        for name, each in one.parameters.items()
+    ]
+    rows += [
+        [cause_words(mechanism) or "constant", name, estimate_text(each.value, each.sd, each.unit)]
+        for mechanism, numbers in record.recalibration.items()
+        for name, each in numbers.items()
+    ]
+    return _frame(("of", "parameter", "value"), rows)
+
+
+def _next(record: Record, names: tuple[str, ...]) -> str:
+    """What to do: the next experiment where one separates what is likely, else what follows from the verdict."""
+    if record.next_message is not None:
+        return in_words(record.next_message.text, names)
+    if record.verdict == "none":
+        return "Keep the simulator, with the numbers calibrated below."
+    if record.test is None:
+        return "Give a run that decides nothing with --test: without one, nothing is proven."
+    if record.test.improvement_ci95[0] > 0.0:
+        return "Use augmented.yaml as the simulator, and let a run of another programme prove it again."
+    return "Record a further run and give it with --train: the test runs do not prove a gain."
+
+
+def _concealed(record: Record, truth: Mapping[str, Mechanism]) -> pd.DataFrame:
+    """What was concealed beside what was found."""
+    found = {one.name: one for one in record.members}
+    rows = []
+    for name in dict.fromkeys([*truth, *found]):
+        true, one = truth.get(name), found.get(name)
+        rows.append([cause_words(name), "cause", "concealed" if true else "–", "found" if one else "–"])
+        estimates = {} if one is None else one.parameters
+        stated = {} if true is None else {p.name: p.unit for p in true.parameters() if p.role in ("amplitude", "shape")}
+        for parameter in dict.fromkeys([*stated, *estimates]):
+            value = getattr(true, parameter, None)
+            true_text = f"{value:.4g} {stated.get(parameter, '')}".strip() if isinstance(value, int | float) else "–"
+            each = estimates.get(parameter)
+            rows.append(["", parameter, true_text, "–" if each is None else estimate_text(each.value, each.sd, each.unit)])
+    return pd.DataFrame(rows, columns=["mechanism", "what", "concealed", "found"])
 
 
 def _about(record: Record) -> list[tuple[str, str]]:
     """What the diagnosis is of, and which runs did what."""
     files = record.recordings.get("simulator", {})
     groups = (
-        ("Named and fitted by", "train", record.after.data.runs),
-        ("Took part in the choice", "confirm", record.confirm_runs),
-        ("Decided nothing, prove", "test", record.test_runs),
+        ("Named and fitted by", record.after.data.runs),
+        ("Took part in the choice", record.confirm_runs),
+        ("Decided nothing, prove", record.test_runs),
     )
     rows = [
         ("Simulator", ", ".join(Path(name).name for name in files)),
         ("Output", f"{record.request.channel}, in {record.unit}"),
-        *((label, ", ".join(record.names(runs))) for label, _, runs in groups),
-        ("Made", str(record.made["date"])),
+        *((label, ", ".join(record.names(runs))) for label, runs in groups),
     ]
     return [(label, value) for label, value in rows if value]
 
 
-def _finding(one: Cause, picture: str) -> dict[str, Any]:
+def _inputs(record: Record) -> dict[str, str]:
+    return {file: digest for files in record.recordings.values() for file, digest in files.items()}
+
+
+def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
     """A finding's section: equation, parameters, function as picture and table."""
     table = one.function
     rows: list[list[str]] = []
@@ -111,7 +232,7 @@ def _finding(one: Cause, picture: str) -> dict[str, Any]:
     at = "at" if table is None else f"{table.of} ({table.of_unit or '1'})"
     header = (at, f"value ({one.unit})", "± (1 s.d.)")
     return {
-        "name": one.name if one.named else f"A law of {listing(list(one.drivers))}",
+        "name": cause_words(one.name) if one.named else f"A law of {listing(list(one.drivers))}",
         "probability": probability_text(one.probability),
         "equation": one.equation,
         "memory": MEMORIES[one.memory],
@@ -134,7 +255,7 @@ def _baseline(record: Record) -> pd.DataFrame:
             other = together.get(mechanism, {}).get(name)
             rows.append(
                 {
-                    "mechanism": mechanism or "constant",
+                    "mechanism": cause_words(mechanism) or "constant",
                     "parameter": name,
                     "with nothing added": estimate_text(one.value, one.sd, one.unit),
                     "with the findings": "" if other is None else estimate_text(other.value, other.sd, other.unit),

@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.scores import Score
 from rlgcomp.diagnosis.selections import BY_RUN
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.report.messages import Message, message
+from rlgcomp.report.messages.consequence import by_consequence
 from rlgcomp.units import column_unit
 
 _POSSIBLE: Final = 0.05  # probability that nothing is missing from which that is told beside a finding
@@ -80,7 +81,7 @@ def _gained(score: Score) -> dict[str, Any]:
 
 def remarks(record: Record) -> tuple[Message, ...]:
     """Remarks beside headline and gain, the most consequential first."""
-    return (
+    every = (
         *record.warnings,
         *_doubts(record),
         *_black_box(record),
@@ -93,6 +94,7 @@ def remarks(record: Record) -> tuple[Message, ...]:
         *_choices(record),
         *record.preparation,
     )
+    return by_consequence(every)
 
 
 def _doubts(record: Record) -> Iterator[Message]:

@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.text import as_text
 from rlgcomp.files import sha256, to_json, write_json
+from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.report.messages import Message
 from rlgcomp.report.notebook import ShownAsTable
 
@@ -188,9 +189,18 @@ class Diagnosis(Record, ShownAsTable):
         write_json(Path(folder) / "diagnosis.json", self.to_mapping())
         self.augmented.to_yaml(Path(folder) / "augmented.yaml")
 
-    def report(self, path: str | Path) -> None:
-        """Write the page that shows it: one self-contained HTML file."""
-        write_page(path, self)
+    def report(self, path: str | Path, *, truth: Mapping[str, Mechanism] | None = None, figures: str | Path | None = None) -> None:
+        """Write the page that shows it: one self-contained HTML file.
+
+        Parameters
+        ----------
+        path : path
+        truth : mapping of str to Mechanism, optional
+            What was concealed, by name, where it is known: it is shown beside what was found.
+        figures : path, optional
+            Folder in which each figure is saved as an SVG file as well.
+        """
+        write_page(path, self, truth=truth, figures=figures)
 
 
 def _plain(numbers: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -20,6 +21,7 @@ from rlgcomp.report.messages.wording import (
     span_text,
     time_text,
 )
+from rlgcomp.units import column_unit
 
 GROUPS: Final = {
     "train": "train: name and fit",
@@ -89,10 +91,19 @@ def member_rows(record: Record) -> list[list[str]]:
     ]
 
 
+def cause_words(text: str) -> str:
+    """Names of mechanisms in a text as words; names of columns stay as they are.
+
+    >>> cause_words("thermal_hysteresis + late temperature_block_degC")
+    'thermal hysteresis + late temperature_block_degC'
+    """
+    return re.sub(r"\w+", lambda found: found[0] if column_unit(found[0]) else found[0].replace("_", " "), text)
+
+
 def alternative_rows(record: Record) -> list[list[str]]:
     """Sets with their probabilities, the named one first."""
-    best = record.posterior.best.key
-    named = [*sorted(best[0]), *([best[1]] if best[1] else [])]
+    effects, latent = record.posterior.effects_of(record.posterior.best)
+    named = [*sorted(effects), *([latent] if latent else [])]
     others = [[" + ".join(one.mechanisms) or "nothing missing", probability_text(one.probability)] for one in record.alternatives]
     return [[" + ".join(named) or "nothing missing", probability_text(record.probability)], *others]
 

@@ -1,10 +1,11 @@
-"""Figures of an evaluation's page, as SVG text. Each function draws one figure from an evaluation's data and computes no result."""
+"""Figures of an evaluation's page. Each function draws one figure from an evaluation's data and computes no result."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
@@ -15,7 +16,6 @@ from rlgcomp.evaluation.record import EvaluationRecord, Trace
 from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording
 from rlgcomp.report.drawing import (
-    BESIDE,
     FIT,
     FLOOR,
     INK,
@@ -26,12 +26,19 @@ from rlgcomp.report.drawing import (
     WIDTH_IN,
     draw_compensation,
     draw_temperature,
+    legend,
     logarithmic,
     panels,
+    power,
     returned,
-    svg,
+    time_axis,
+    wrapped,
 )
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.report.svg import Picture
+
+_TITLE: Final = 60  # letters of a title on a line
+_MOST_WIDTHS: Final = 7  # of the search, drawn as lines
+_ABOVE_LEAST: Final = 10.0  # times the least error of the search, drawn
 
 
 def draw_over_time(ax: Any, trace: Trace, floor_deg_h: float) -> Any:
@@ -54,14 +61,20 @@ def draw_over_time(ax: Any, trace: Trace, floor_deg_h: float) -> Any:
         return returned(axes)
 
 
-def over_time(trace: Trace, floor_deg_h: float) -> str:
-    """The same as SVG text."""
+def over_time(trace: Trace, floor_deg_h: float) -> Picture:
+    """The same as a picture of a page."""
     with rc_context(STYLE):
         heights = _heights(trace)
         figure = Figure(figsize=(WIDTH_IN, 2.0 + 1.55 * len(heights)), layout="constrained")
         axes = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
         _over_time(list(axes), trace, floor_deg_h)
-        return svg(figure)
+        return Picture.of(
+            figure,
+            f"time-{trace.run}",
+            f"{trace.run} over time",
+            f"Gyro and estimated bias, and their difference, in deg/h; the residual has a standard deviation of "
+            f"{np.std(trace.residual_deg_h):.3g} deg/h, the gyro of {np.std(trace.raw_deg_h):.3g} deg/h",
+        )
 
 
 def _heights(trace: Trace) -> tuple[float, ...]:
@@ -74,32 +87,44 @@ def _over_time(axes: list[Axes], trace: Trace, floor_deg_h: float) -> None:
     if trace.temperature_degC is not None:
         for below in axes[2:]:
             draw_temperature(below, trace.time_s, trace.temperature_degC)
-    axes[0].set_title(f"Gyro and estimated bias, {trace.run}")
-    axes[-1].set_xlabel("time in h")
+    axes[0].set_title(wrapped(f"Gyro and estimated bias, {trace.run}", _TITLE))
+    axes[-1].set_xlabel(time_axis(float(np.ptp(trace.time_s)))[1])
 
 
-def loop(trace: Trace) -> str:
-    """Bias against temperature, before and after, coloured by time: hysteresis and lag show as loops."""
+def draw_loop(axes: Axes, trace: Trace) -> None:
+    """Bias against temperature, before and after: hysteresis and lag show as loops. A trace without temperature has none."""
+    assert trace.temperature_degC is not None  # noqa: S101
+    factor, unit = power(float(np.ptp(trace.raw_deg_h)), "deg/h")
+    raw, residual = (factor * (values - values.mean()) for values in (trace.raw_deg_h, trace.residual_deg_h))
+    axes.plot(trace.temperature_degC, raw, color="#d7dade", lw=0.8)
+    axes.plot(trace.temperature_degC, raw, ".", color=RAW, ms=4, label="gyro")
+    axes.plot(trace.temperature_degC, residual, ".", color=RESIDUAL, ms=4, label="compensated")
+    axes.plot(trace.temperature_degC[:1], raw[:1], "o", color=INK, ms=5, label="start of the run")
+    axes.set_xlabel("temperature in °C")
+    axes.set_ylabel(unit)
+    axes.set_title(wrapped(f"Against temperature, {trace.run}", _TITLE))
+
+
+def loop(trace: Trace) -> Picture | None:
+    """Bias against temperature; None without a thermometer."""
     if trace.temperature_degC is None:
-        return ""
+        return None
     with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.7), layout="constrained")
-        before, after = figure.subplots(1, 2, sharey=True)
-        hours = trace.time_s / SECONDS_PER_HOUR
-        pairs = ((before, trace.raw_deg_h, "Gyro against temperature"), (after, trace.residual_deg_h, "The same, compensated"))
-        for axes, values, title in pairs:
-            centred = 1e3 * (values - values.mean())
-            axes.plot(trace.temperature_degC, centred, color="#d7dade", lw=0.7, zorder=1)
-            points = axes.scatter(trace.temperature_degC, centred, c=hours, cmap="viridis", s=10, zorder=2)
-            axes.set_title(title)
-            axes.set_xlabel("temperature in °C")
-        before.set_ylabel("10⁻³ deg/h")
-        figure.colorbar(points, ax=(before, after), label="time in h", pad=0.01)
-        return svg(figure)
+        figure = Figure(figsize=(WIDTH_IN, 3.6), layout="constrained")
+        axes = figure.subplots()
+        draw_loop(axes, trace)
+        legend(axes)
+        low, high = trace.temperature_degC.min(), trace.temperature_degC.max()
+        return Picture.of(
+            figure,
+            f"loop-{trace.run}",
+            f"{trace.run} against temperature",
+            f"Gyro and compensated gyro, means removed, in deg/h from {low:.3g} to {high:.3g} °C: hysteresis and lag show as loops",
+        )
 
 
-def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> str:
-    """Allan deviation before and after, with the noise floor; an SVG.
+def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> Picture:
+    """Allan deviation before and after, with the noise floor.
 
     Parameters
     ----------
@@ -118,86 +143,119 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> st
         axes.loglog(tau, floor_deg_h * np.sqrt(averaging_s / tau), color=FLOOR, lw=1.2, ls="--", label="noise floor, slope −1/2")
         logarithmic(axes, "Allan deviation in deg/h")
         axes.set_title("Allan deviation")
-        axes.legend(**BESIDE)
-        return svg(figure)
-
-
-def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> str:
-    """Bias stability of held-out runs with and without each feature group, as bars beside the raw gyro and the noise floor."""
-    if table.empty:
-        return ""
-    with rc_context(STYLE):
-        groups = list(dict.fromkeys(table["features"]))
-        models = list(dict.fromkeys(table["model"]))
-        figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.42 * len(groups)), layout="constrained")
-        axes = figure.subplots()
-        height = 0.8 / len(models)
-        for k, model in enumerate(models):
-            values = table[table["model"] == model].set_index("features")["residual_std_deg_h"].reindex(groups)
-            places = np.arange(len(groups)) + (k - 0.5 * (len(models) - 1)) * height
-            axes.barh(places, 1e3 * values, height=0.9 * height, color=(RAW, RESIDUAL, FIT)[k % 3], label=model)
-        axes.axvline(1e3 * evaluation.raw_std_deg_h, color=INK, lw=1.0, label="not compensated")
-        axes.axvline(1e3 * evaluation.noise_floor_deg_h, color=FLOOR, lw=1.4, ls="--", label="noise floor")
-        labels = [group if group.startswith("all") or len(groups) == 1 else f"{group} alone" for group in groups]
-        axes.set_yticks(np.arange(len(groups)), [label.replace("_", " ") for label in labels])
-        axes.invert_yaxis()
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel("bias stability of held-out runs in 10⁻³ deg/h")
-        axes.legend(**BESIDE)
-        return svg(figure)
-
-
-def search(table: pd.DataFrame) -> str:
-    """Error with runs left out over the grid of c and sigma."""
-    if not {"c", "sigma", "rmse", "chosen"} <= set(table.columns) or "method" in table.columns:
-        return ""
-    with rc_context(STYLE):
-        grid = table.pivot_table(index="sigma", columns="c", values="rmse")
-        figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
-        axes = figure.subplots()
-        worst = min(float(table["rmse"].max()), 10.0 * float(table["rmse"].min()))
-        mesh = axes.pcolormesh(
-            _log_edges(grid.columns), _log_edges(grid.index), grid, norm="log", cmap="viridis_r", vmax=worst, shading="flat"
+        legend(axes)
+        return Picture.of(
+            figure,
+            "allan",
+            "Allan deviation before and after",
+            f"Deviation in deg/h against averaging time in s, of {len(traces)} run(s); dashed: the noise floor, "
+            f"{floor_deg_h:.3g} deg/h at {averaging_s:g} s",
         )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        best = table[table["chosen"]].iloc[0]
-        axes.plot(best["c"], best["sigma"], "o", mfc="none", mec=WARM, ms=14, mew=2.2)
-        axes.grid(visible=False)
+
+
+def draw_comparison(axes: Axes, table: pd.DataFrame, evaluation: EvaluationRecord) -> None:
+    """Bias stability of held-out runs with and without each feature group, as bars beside the raw gyro and the noise floor.
+
+    Parameters
+    ----------
+    axes : Axes
+    table : pandas.DataFrame
+        Not empty; see :func:`rlgcomp.evaluation.comparison.comparison_table`.
+    evaluation : EvaluationRecord
+    """
+    groups = list(dict.fromkeys(table["features"]))
+    models = list(dict.fromkeys(table["model"]))
+    factor, unit = power(evaluation.raw_std_deg_h, "deg/h")
+    height = 0.8 / len(models)
+    for k, model in enumerate(models):
+        values = table[table["model"] == model].set_index("features")["residual_std_deg_h"].reindex(groups)
+        places = np.arange(len(groups)) + (k - 0.5 * (len(models) - 1)) * height
+        axes.barh(places, factor * values, height=0.9 * height, color=(RAW, RESIDUAL, FIT)[k % 3], label=model)
+    axes.axvline(factor * evaluation.raw_std_deg_h, color=INK, lw=1.0, label="not compensated")
+    axes.axvline(factor * evaluation.noise_floor_deg_h, color=FLOOR, lw=1.4, ls="--", label="noise floor")
+    labels = [group if group.startswith("all") or len(groups) == 1 else f"{group} alone" for group in groups]
+    axes.set_yticks(np.arange(len(groups)), [wrapped(label.replace("_", " "), 30) for label in labels])
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(f"bias stability of held-out runs in {unit}")
+
+
+def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> Picture | None:
+    """The comparison of feature groups and models; None where none was made."""
+    if table.empty:
+        return None
+    with rc_context(STYLE):
+        groups = table["features"].nunique()
+        figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.42 * groups), layout="constrained")
+        axes = figure.subplots()
+        draw_comparison(axes, table, evaluation)
+        legend(axes)
+        best = table.sort_values("residual_std_deg_h").iloc[0]
+        return Picture.of(
+            figure,
+            "features",
+            "Feature groups and models",
+            f"Bias stability of held-out runs in deg/h; the least, {best['residual_std_deg_h']:.3g} deg/h, by {best['model']} with "
+            f"{best['features'].replace('_', ' ')}; dashed: the noise floor",
+        )
+
+
+def search(table: pd.DataFrame) -> Picture | None:
+    """Error with runs left out over the grid of c, a line each sigma; None of another search."""
+    if not {"c", "sigma", "rmse", "chosen"} <= set(table.columns) or "method" in table.columns:
+        return None
+    with rc_context(STYLE):
+        grid = table.pivot_table(index="c", columns="sigma", values="rmse").sort_index()
+        chosen = table[table["chosen"]].iloc[0]
+        nearest = np.argsort(np.abs(np.log(grid.columns.to_numpy() / chosen["sigma"])), kind="stable")[:_MOST_WIDTHS]
+        figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
+        axes = figure.subplots()
+        colours = mpl.colormaps["viridis"](np.linspace(0.1, 0.85, len(nearest)))
+        for colour, place in zip(colours, sorted(nearest), strict=True):
+            sigma = grid.columns[place]
+            line = grid[sigma].dropna()
+            axes.plot(line.index, line, "-o", ms=2.5, lw=1.3, color=colour, label=f"sigma = {sigma:.3g}")
+        axes.plot(chosen["c"], chosen["rmse"], "o", mfc="none", mec=WARM, ms=11, mew=2.0, label="chosen")
+        least = float(table["rmse"].min())
+        axes.set(xscale="log", yscale="log")
+        axes.set_ylim(0.9 * least, 1.15 * min(float(np.nanmax(grid.to_numpy()[:, nearest])), _ABOVE_LEAST * least))
         axes.set_xlabel("c")
-        axes.set_ylabel("sigma")
-        axes.set_title("Search: error with runs left out (circle: chosen)")
-        figure.colorbar(mesh, ax=axes, label="rms, relative to the gyro's spread", pad=0.01)
-        return svg(figure)
+        axes.set_ylabel("rms error over the gyro's spread")
+        axes.set_title("Search: error with runs left out")
+        legend(axes)
+        return Picture.of(
+            figure,
+            "search",
+            "Search of the hyperparameters",
+            f"Rms error with runs left out, over the gyro's spread, against c; chosen: c = {chosen['c']:.3g}, sigma = "
+            f"{chosen['sigma']:.3g}, error {chosen['rmse']:.3g}",
+        )
 
 
-def contributions(recording: Recording) -> str:
-    """Contributions to a simulated gyro's bias; the noises are added up."""
+def contributions(recording: Recording) -> Picture | None:
+    """Contributions to a simulated gyro's bias; the noises are added up. None without truth."""
     averaged = recording.averaged()
     truth = averaged.truth
     if truth is None:
-        return ""
+        return None
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
         axes = figure.subplots()
-        hours = averaged.time_s / SECONDS_PER_HOUR
+        unit_s, label = time_axis(averaged.duration_s)
+        at = averaged.time_s / unit_s
         noises = [name for name in truth.columns if name in NOISES]
-        axes.plot(hours, 1e3 * truth[noises].sum(axis=1), color="#d7dade", lw=0.9, label="noise")
-        for k, name in enumerate(name for name in truth.columns if name not in NOISES):
+        names = [name for name in truth.columns if name not in NOISES]
+        factor, unit = power(float(max([np.ptp(truth[name]) for name in truth.columns], default=1.0)), "deg/h")
+        axes.plot(at, factor * truth[noises].sum(axis=1), color="#d7dade", lw=0.9, label="noise")
+        for k, name in enumerate(names):
             values = truth[name].to_numpy()
-            axes.plot(hours, 1e3 * (values - values.mean()), lw=1.5, color=f"C{k}", label=name.replace("_", " "))
-        axes.set_xlabel("time in h")
-        axes.set_ylabel("10⁻³ deg/h")
-        axes.legend(**BESIDE)
-        return svg(figure)
-
-
-def _log_edges(centres: Any) -> np.ndarray:
-    """Edges half-way between centres on a logarithmic axis."""
-    logs = np.log(np.asarray(centres, dtype=np.float64))
-    middle = 0.5 * (logs[1:] + logs[:-1])
-    return (
-        np.exp(np.r_[2 * logs[0] - middle[0], middle, 2 * logs[-1] - middle[-1]])
-        if len(logs) > 1
-        else np.exp(logs[0] + np.r_[-1, 1])
-    )
+            axes.plot(at, factor * (values - values.mean()), lw=1.5, color=f"C{k}", label=wrapped(name.replace("_", " ")))
+        axes.set_xlabel(label)
+        axes.set_ylabel(unit)
+        legend(axes)
+        return Picture.of(
+            figure,
+            f"contributions-{recording.name}",
+            f"Contributions to the simulated bias of {recording.name}",
+            f"In deg/h against time, each about its mean: {', '.join(name.replace('_', ' ') for name in names)}",
+        )

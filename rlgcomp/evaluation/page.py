@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.resources
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import pandas as pd
 
-import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.models.specification import parameters_of
 from rlgcomp.evaluation import figures
@@ -18,6 +15,9 @@ from rlgcomp.evaluation.record import EvaluationRecord
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
 from rlgcomp.recording.provenance import provenance
+from rlgcomp.report.page import Described, digests
+from rlgcomp.report.page import render as render_page
+from rlgcomp.report.svg import Picture, save_pictures
 
 
 def write_report(
@@ -28,8 +28,9 @@ def write_report(
     title: str = "Bias compensation",
     simulated: Sequence[Recording] = (),
     inputs: Sequence[str | Path] = (),
+    tested: Sequence[Described] = (),
 ) -> None:
-    """Write `report.html` and `evaluation.json` into a folder.
+    """Write `report.html`, `evaluation.json` and the single `figures` into a folder.
 
     Parameters
     ----------
@@ -42,10 +43,15 @@ def write_report(
         Simulated runs whose components are to be shown.
     inputs : sequence of path
         Files that were read, whose SHA-256 is recorded.
+    tested : sequence of Described
+        Metadata of the runs.
     """
     made = provenance(inputs)
     write_json(folder / "evaluation.json", evaluation.to_mapping() | {"provenance": made})
-    write_text(folder / "report.html", render(evaluation, compensator, title=title, simulated=simulated, made=made))
+    files = digests(made, sorted(path for path in folder.iterdir() if path.is_file()))
+    page, pictures = _page(evaluation, compensator, title, simulated, made, tested, files)
+    write_text(folder / "report.html", page)
+    save_pictures(folder / "figures", pictures)
 
 
 def render(
@@ -68,33 +74,98 @@ def render(
     made : mapping, optional
         Provenance, as :func:`rlgcomp.recording.provenance.provenance` gives it.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("rlgcomp", "report"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    style = importlib.resources.files("rlgcomp.report").joinpath("style.css").read_text(encoding="utf-8")
-    return environment.get_template("page.html").render(
+    return _page(evaluation, compensator, title, simulated, made, (), ())[0]
+
+
+def _page(
+    evaluation: EvaluationRecord,
+    compensator: Compensator,
+    title: str,
+    simulated: Sequence[Recording],
+    made: Mapping[str, Any] | None,
+    tested: Sequence[Described],
+    files: Sequence[tuple[str, str, str]],
+) -> tuple[str, list[Picture]]:
+    """The page and its pictures."""
+    pictures = [
+        (trace.run, figures.over_time(trace, run.noise_floor_deg_h), figures.loop(trace))
+        for trace, run in zip(evaluation.traces, evaluation.runs, strict=True)
+    ]
+    shown: dict[str, Any] = {
+        "allan": figures.allan(evaluation.traces, evaluation.noise_floor_deg_h, evaluation.averaging_s),
+        "comparison": figures.comparison(evaluation.comparison, evaluation),
+        "search": figures.search(compensator.selection_.table),
+    }
+    contributions = [(run.name, picture) for run in simulated if (picture := figures.contributions(run)) is not None]
+    scaling = compensator.scaling_
+    page = render_page(
+        "evaluation.html",
         title=title,
-        style=style,
-        version=rlgcomp.__version__,
+        remarks=evaluation.remarks,
         made=made,
+        tested=tested,
+        files=files,
         evaluation=evaluation,
+        answer=_answer(evaluation),
+        gains=_gains(evaluation),
+        next=_next(evaluation),
         correlation=evaluation.correlation.assign(correlation=[f"{value:.3f}" for value in evaluation.correlation["correlation"]]),
         model=type(compensator.model_).__name__,
         parameters=parameters_of(compensator.model_),
-        inputs=compensator.pipeline_.names,
-        provenance=compensator.provenance_,
-        scaling=compensator.scaling_,
+        inputs=pd.DataFrame(
+            {
+                "input": list(compensator.pipeline_.names),
+                "training range, low": [f"{value:.5g}" for value in scaling.low],
+                "high": [f"{value:.5g}" for value in scaling.high],
+            }
+        ),
+        trained_on=_trained_on(compensator.provenance_),
         runs=_run_table(evaluation),
-        pictures=[
-            (trace.run, figures.over_time(trace, run.noise_floor_deg_h), figures.loop(trace))
-            for trace, run in zip(evaluation.traces, evaluation.runs, strict=True)
-        ],
-        allan=figures.allan(evaluation.traces, evaluation.noise_floor_deg_h, evaluation.averaging_s),
-        comparison=figures.comparison(evaluation.comparison, evaluation),
-        search=figures.search(compensator.selection_.table),
-        contributions=[(run.name, figures.contributions(run)) for run in simulated if run.truth is not None],
+        pictures=pictures,
+        contributions=contributions,
         pivot=_pivot(evaluation.comparison),
         parts=_part_table(compensator.parts()),
+        **shown,
+    )
+    several = [one for _, *both in pictures for one in both] + list(shown.values()) + [one for _, one in contributions]
+    return page, [one for one in several if one is not None]
+
+
+def _answer(evaluation: EvaluationRecord) -> str:
+    """The result in a sentence."""
+    factor = evaluation.raw_std_deg_h / evaluation.residual_std_deg_h
+    floor = evaluation.residual_std_deg_h / evaluation.noise_floor_deg_h
+    change = f"reduces this {factor:.3g} times" if factor > 1.0 else f"increases this {1.0 / factor:.3g} times"
+    runs = "held-out runs" if evaluation.held_out else "these runs"
+    return f"The bias of {runs} varies by {evaluation.raw_std_deg_h:.3g} deg/h; the model {change}, to {floor:.2f} noise floors."
+
+
+def _gains(evaluation: EvaluationRecord) -> list[str]:
+    """The gain in each run with its interval."""
+    return [
+        f"{run.run}: {run.factor:.2f} times (95 % interval {run.factor_low:.2f} to {run.factor_high:.2f})"
+        for run in evaluation.runs
+    ]
+
+
+def _next(evaluation: EvaluationRecord) -> str:
+    if not evaluation.held_out:
+        return "Evaluate a run that the model was not trained on."
+    if any(run.factor_low <= 1.0 for run in evaluation.runs):
+        return "Train with a run like the one that does not gain, and evaluate another."
+    if any(run.remarks for run in evaluation.runs):
+        return "Read the remarks on single runs, then export the model."
+    return "Export the model: rlgcomp export MODEL --to c --out DIR."
+
+
+def _trained_on(runs: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "run": [run["run"] for run in runs],
+            "unit": [run["unit"] or "" for run in runs],
+            "hours": [f"{run['hours']:.2f}" for run in runs],
+            "programme": [(run["notes"] or {}).get("programme") or "" for run in runs],
+        }
     )
 
 

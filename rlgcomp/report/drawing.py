@@ -6,23 +6,22 @@ notebook shows. They compute no result. Matplotlib is imported with this module,
 
 from __future__ import annotations
 
-import io
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter, FuncFormatter, LogFormatterSciNotation, LogLocator
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+from matplotlib.transforms import ScaledTranslation
 
 from rlgcomp.errors import InputError
+from rlgcomp.report.svg import names_as_they_are
 from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE, column_unit, typeset
 
 Array = npt.NDArray[np.float64]
@@ -34,19 +33,20 @@ FLOOR: Final = "#009e73"
 WARM: Final = "#cc3311"
 INK: Final = "#23272e"
 FAINT: Final = "#c4c8ce"
-WIDTH_IN: Final = 9.6
+WIDTH_IN: Final = 6.8  # legible on a narrow screen, and half a page wide in print
 _LINES: Final = (RESIDUAL, FIT, FLOOR, "#cc79a7", "#e69f00", "#56b4e9", INK, RAW)
 _RAISED: Final = str.maketrans("-−0123456789", "⁻⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLE: Final[Any] = {
     "font.family": "DejaVu Sans",
-    "font.size": 9.5,
+    "font.size": 10.0,
     "text.color": INK,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": INK,
-    "axes.titlesize": 10.5,
+    "axes.titlesize": 11.0,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titley": 1.0,  # the place that Matplotlib would find after measuring every label
+    "axes.facecolor": "none",
     "axes.grid": True,
     "axes.axisbelow": True,
     "grid.color": "#eceef1",
@@ -61,7 +61,9 @@ STYLE: Final[Any] = {
     "svg.hashsalt": "rlgcomp",
     "figure.dpi": 100,
 }
-BESIDE: Final[Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+_BESIDE: Final[Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+_BESIDE_LETTERS: Final = 24  # of the longest line of a legend that stands beside its axes; a wider one stands below
+_BELOW_IN: Final = 0.56
 _MOST_DOTS: Final = 4000  # more samples are drawn as the band from least to greatest, with the mean
 _BINS: Final = 1500
 _MOST_SPANS: Final = 10.0  # of the narrowest channel of a panel, in the panel
@@ -127,11 +129,31 @@ def _figure(axes: Axes) -> Figure | None:
     return None if parent is None else parent.figure  # a part of a figure names the whole one, which names itself
 
 
-def legend(axes: Axes) -> None:
-    """A legend beside the axes where the figure's layout makes room for it, within them elsewhere."""
+def legend(axes: Axes, **options: Any) -> None:
+    """A legend outside of the axes where the figure's layout makes room for it, within them elsewhere.
+
+    Parameters
+    ----------
+    axes : Axes
+    **options
+        For Matplotlib's `legend`.
+    """
     figure = _figure(axes)
     roomy = figure is not None and isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
-    axes.legend(**(BESIDE if roomy else {"loc": "best"}))
+    labels = axes.get_legend_handles_labels()[1]
+    if not labels:
+        return
+    longest = max(len(line) for label in labels for line in label.split("\n"))
+    if figure is None or not roomy:
+        axes.legend(**{"loc": "best"} | options)
+    elif longest <= _BESIDE_LETTERS:
+        axes.legend(**_BESIDE | options)
+    else:
+        columns = 2 if longest <= 2 * _BESIDE_LETTERS else 1
+        under = _BELOW_IN if axes.get_xlabel() else 0.5 * _BELOW_IN
+        below = axes.transAxes + ScaledTranslation(0.0, -under, figure.dpi_scale_trans)
+        place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.0), "bbox_transform": below, "borderaxespad": 0.0}
+        axes.legend(**place | {"ncols": min(columns, len(labels))} | options)
 
 
 def time_axis(duration_s: float) -> tuple[float, str]:
@@ -203,7 +225,7 @@ def draw_channels(ax: Any, time_s: Array, period_s: float, columns: Mapping[str,
             level = max(float(np.abs(columns[column]).max()) for column in group)
             scale, scaled = power(level if 0.0 < level < 1.0 else 1.0, typeset(unit or ""))
             for k, column in enumerate(group):
-                colour, name = _LINES[k % len(_LINES)], _short(column_words(column))
+                colour, name = _LINES[k % len(_LINES)], wrapped(column_words(column))
                 _draw_series(panel, time_s / factor, 1.5 * period_s / factor, scale * columns[column], colour, name)
             panel.set_ylabel(scaled.strip() or "value")
             panel.ticklabel_format(axis="y", useOffset=False)
@@ -334,34 +356,26 @@ def draw_compensation(axes: Sequence[Axes], time_s: Array, raw_deg_h: Array, bia
     time_s, raw_deg_h, bias_deg_h : ndarray, shape (n,)
     floor_deg_h : float
     """
-    hours = time_s / SECONDS_PER_HOUR
+    at = time_s / time_axis(float(np.ptp(time_s)))[0]
     level = raw_deg_h.mean()
     factor, unit = power(float(np.ptp(raw_deg_h)), "deg/h")
     top = axes[0]
-    top.plot(hours, factor * (raw_deg_h - level), ".", color=RAW, ms=4, label="gyro")
-    top.plot(hours, factor * (bias_deg_h - level), color=FIT, lw=1.8, label="estimated bias")
+    top.plot(at, factor * (raw_deg_h - level), ".", color=RAW, ms=4, label="gyro")
+    top.plot(at, factor * (bias_deg_h - level), color=FIT, lw=1.8, label="estimated bias")
     top.set_ylabel(unit)
     legend(top)
     for below in axes[1:2]:
         band = 2.0 * factor * floor_deg_h
         below.axhspan(-band, band, color=FLOOR, alpha=0.13, lw=0, label="± 2 noise floors")
-        below.plot(hours, factor * (raw_deg_h - bias_deg_h), ".", color=RESIDUAL, ms=4, label="residual")
+        below.plot(at, factor * (raw_deg_h - bias_deg_h), ".", color=RESIDUAL, ms=4, label="residual")
         below.axhline(0.0, color=FAINT, lw=0.8)
         below.set_ylabel(unit)
         legend(below)
 
 
 def draw_temperature(axes: Axes, time_s: Array, temperature_degC: Array) -> None:
-    """Temperature against time in hours.
-
-    Parameters
-    ----------
-    axes : Axes
-    time_s, temperature_degC : ndarray, shape (n,)
-    new : bool
-        Whether the legend has room beside the axes.
-    """
-    axes.plot(time_s / SECONDS_PER_HOUR, temperature_degC, color=WARM, lw=1.4, label="temperature")
+    """Temperature against time, in the unit of :func:`time_axis`."""
+    axes.plot(time_s / time_axis(float(np.ptp(time_s)))[0], temperature_degC, color=WARM, lw=1.4, label="temperature")
     axes.set_ylabel("°C")
     legend(axes)
 
@@ -383,7 +397,7 @@ def draw_bars(ax: Any, names: Sequence[str], values: Array, *, label: str, unit:
     axes, *_ = panels(ax, [0.5 + 0.27 * len(names)])
     with rc_context(STYLE):
         axes.barh(range(len(names)), factor * values, height=0.6, color=RESIDUAL)
-        axes.set_yticks(range(len(names)), [_short(name, 60) for name in names])
+        axes.set_yticks(range(len(names)), [wrapped(name, 40) for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
         axes.set_xlabel(f"{label} in {scaled}")
@@ -391,8 +405,18 @@ def draw_bars(ax: Any, names: Sequence[str], values: Array, *, label: str, unit:
         return axes
 
 
-def _short(words: str, letters: int = _LETTERS) -> str:
-    return words if len(words) <= letters else words[: letters - 1] + "…"
+def wrapped(name: str, letters: int = _LETTERS) -> str:
+    """A name on as many lines as it needs, broken between its parts and never within one.
+
+    >>> wrapped("temperature-cycle_2024-11-17", 12)
+    'temperature-\\ncycle_2024-\\n11-17'
+    """
+    lines = [""]
+    for part in re.findall(r"[^ _/.-]*[ _/.-]?", name):
+        if lines[-1] and len(lines[-1]) + len(part.rstrip()) > letters:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.rstrip(" ") for line in lines)
 
 
 class Powers(LogFormatterSciNotation):
@@ -402,38 +426,3 @@ class Powers(LogFormatterSciNotation):
         label = re.sub(r"\$\\mathdefault\{(.*)\}\$", r"\1", super().__call__(x, pos))
         raised = re.sub(r"\^\{(.*?)\}", lambda found: found[1].translate(_RAISED), label)
         return raised.replace(r"\times", "×")
-
-
-def names_as_they_are(figure: Any) -> None:
-    """Take a dollar sign in the name of a run or a column for one, not for the beginning of a formula."""
-    for text in _texts(figure):
-        if "$" in text.get_text() and "\\mathdefault" not in text.get_text():
-            text.set_parse_math(False)
-
-
-def _texts(artist: Any) -> Iterator[Text]:
-    """Texts of a figure; of an axis with numbers for labels its name alone, since looking at the labels would make all of them."""
-    if isinstance(artist, Axis) and not isinstance(artist.get_major_formatter(), FixedFormatter | FuncFormatter):
-        yield artist.label
-    elif isinstance(artist, Text):
-        yield artist
-    else:
-        for child in artist.get_children():
-            yield from _texts(child)
-
-
-def svg(figure: Figure) -> str:
-    """The figure as SVG text."""
-    names_as_they_are(figure)
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
-
-
-def png(figure: Figure) -> bytes:
-    """The figure as PNG."""
-    names_as_they_are(figure)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()

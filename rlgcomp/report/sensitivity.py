@@ -12,7 +12,8 @@ import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN, names_as_they_are
+from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
+from rlgcomp.report.svg import names_as_they_are
 
 Array = npt.NDArray[np.float64]
 _MOST: Final = 0.9  # share of trials at which intervals are drawn

@@ -9,7 +9,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from rlgcomp.noise.analysis import NoiseAnalysis
-from rlgcomp.report.drawing import STYLE, WIDTH_IN, png
+from rlgcomp.report.drawing import STYLE, WIDTH_IN
+from rlgcomp.report.svg import png
 
 
 def allan_picture(analyses: Sequence[NoiseAnalysis], title: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Figures of the angle random walk under rotation, as SVG text: orders, before and after, Allan deviation, spectrum."""
+"""Figures of the angle random walk under rotation: orders, before and after, Allan deviation, spectrum."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from matplotlib.figure import Figure
 
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
-from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, svg
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, legend, time_axis
+from rlgcomp.report.svg import Picture
 
-LEGEND: Final = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 SHOWN_MEANS_S: Final = 60
 
 
-def orders(one: AngleRandomWalk) -> str:
+def orders(one: AngleRandomWalk) -> Picture:
     """Amplitude of every order of the rotation, the detected ones in colour, with the threshold."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
@@ -43,21 +42,28 @@ def orders(one: AngleRandomWalk) -> str:
         axes.set_xlabel("order (cycles in a revolution)")
         axes.set_ylabel("amplitude in deg/h")
         axes.set_title(f"Harmonics of the table angle, {_name(one)}")
-        axes.legend(**LEGEND)
-        return svg(figure)
+        legend(axes)
+        return Picture.of(
+            figure,
+            f"{_stem(one)}-orders",
+            f"Harmonics of the table angle, {_name(one)}",
+            f"Amplitude of each order in deg/h; {len(one.harmonics.orders)} are detected and fitted; dashed: six s.d.",
+        )
 
 
-def output(one: AngleRandomWalk) -> str:
+def output(one: AngleRandomWalk) -> Picture:
     """1 s means over the run, mean removed, before and after; the trend; and one minute of both."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
         (top, minute_before), (bottom, minute_after) = figure.subplots(2, 2, sharey="row", gridspec_kw={"width_ratios": [2.6, 1.0]})
         table = one.means
-        hours = (table["time_s"] - table["time_s"].iloc[0]) / SECONDS_PER_HOUR
+        since = table["time_s"] - table["time_s"].iloc[0]
+        unit_s, label = time_axis(float(since.iloc[-1]))
+        at = since / unit_s
         trend = table["trend_deg_h"] - table["trend_deg_h"].mean()
-        top.plot(hours, table["before_deg_h"] + trend, color=RAW, lw=0.3, rasterized=True, label="1 s means")
-        top.plot(hours, trend, color=WARM, lw=1.6, label="trend")
-        bottom.plot(hours, table["after_deg_h"], color=RESIDUAL, lw=0.3, rasterized=True, label="1 s means")
+        top.plot(at, table["before_deg_h"] + trend, color=RAW, lw=0.3, rasterized=True, label="1 s means")
+        top.plot(at, trend, color=WARM, lw=1.6, label="trend")
+        bottom.plot(at, table["after_deg_h"], color=RESIDUAL, lw=0.3, rasterized=True, label="1 s means")
         minute = table.iloc[:SHOWN_MEANS_S]
         seconds = minute["time_s"] - minute["time_s"].iloc[0]
         minute_before.plot(seconds, (table["before_deg_h"] + trend).iloc[:SHOWN_MEANS_S], "-o", color=RAW, ms=2, lw=0.9)
@@ -65,15 +71,20 @@ def output(one: AngleRandomWalk) -> str:
         top.set_title(f"Before, {_name(one)}")
         bottom.set_title("After harmonics and trend")
         minute_before.set_title("first minute")
-        bottom.set_xlabel("time in h")
+        bottom.set_xlabel(label)
         minute_after.set_xlabel("time in s")
         for axes in (top, bottom):
             axes.set_ylabel("deg/h")
         top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
-        return svg(figure)
+        return Picture.of(
+            figure,
+            f"{_stem(one)}-output",
+            f"Output before and after, {_name(one)}",
+            "Means of 1 s in deg/h over the run, mean removed, with the trend; and the first minute",
+        )
 
 
-def allan(one: AngleRandomWalk) -> str:
+def allan(one: AngleRandomWalk) -> Picture:
     """Allan deviation of 1 s means before and after, the five-term fit, and the result with its error."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 4.0), layout="constrained")
@@ -91,11 +102,17 @@ def allan(one: AngleRandomWalk) -> str:
         axes.set_xlabel("averaging time in s")
         axes.set_ylabel("Allan deviation in deg/h")
         axes.set_title(f"Allan deviation, {_name(one)}")
-        axes.legend(**LEGEND)
-        return svg(figure)
+        legend(axes)
+        return Picture.of(
+            figure,
+            f"{_stem(one)}-allan",
+            f"Allan deviation, {_name(one)}",
+            f"Deviation in deg/h against averaging time in s, before and after harmonics and trend; "
+            f"dashed: N = {n:.3g} ± {sd:.1g} deg/√h",
+        )
 
 
-def spectrum(one: AngleRandomWalk) -> str:
+def spectrum(one: AngleRandomWalk) -> Picture:
     """Spectrum after harmonics and trend, the four noises fitted to it, and the band of the fit."""
     with rc_context(STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.8), layout="constrained")
@@ -112,11 +129,17 @@ def spectrum(one: AngleRandomWalk) -> str:
         axes.set_xlabel("frequency in Hz")
         axes.set_ylabel("(deg/h)²/Hz")
         axes.set_title(f"Spectrum of the residual, {_name(one)}")
-        axes.legend(**LEGEND)
-        return svg(figure)
+        legend(axes)
+        return Picture.of(
+            figure,
+            f"{_stem(one)}-spectrum",
+            f"Spectrum of the residual, {_name(one)}",
+            f"Density in (deg/h)²/Hz against frequency in Hz, with the fitted noises up to "
+            f"{one.noise.highest_hz:.3g} Hz; dashed: the white part",
+        )
 
 
-def pictures(one: AngleRandomWalk) -> dict[str, str]:
+def pictures(one: AngleRandomWalk) -> dict[str, Picture]:
     """All figures of one gyro, by name."""
     return {"orders": orders(one), "output": output(one), "allan": allan(one), "spectrum": spectrum(one)}
 
@@ -128,3 +151,8 @@ def _plain_powers(axes: Axes) -> None:
 
 def _name(one: AngleRandomWalk) -> str:
     return f"{one.gyro.removesuffix('_deg_h').removesuffix('_deg_s').removesuffix('_pulses')} at {one.rate_deg_s:.4g} deg/s"
+
+
+def _stem(one: AngleRandomWalk) -> str:
+    """Beginning of the names of a gyro's figures."""
+    return f"{one.run}-{one.gyro}-{abs(one.rate_deg_s):.3g}"

@@ -1,0 +1,92 @@
+"""The order of remarks: first those by which a result fails, then those that limit it, then those on what was done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from rlgcomp.report.messages import Message
+
+DECISIVE: Final = frozenset(
+    {
+        "calibration.chi_squared_unexpected",
+        "calibration.counter_does_not_follow",
+        "calibration.lock_in_does_not_explain_the_curve",
+        "calibration.mounting_angle_near_zero",
+        "calibration.navigator_worse",
+        "calibration.parameters_not_determined",
+        "challenge.missed_at_largest_strength",
+        "challenge.unexplained_before",
+        "compensation.no_gain",
+        "compensation.other_unit",
+        "diagnosis.compensation_better",
+        "diagnosis.learnt_from_columns",
+        "diagnosis.no_clock",
+        "diagnosis.simulation_scaled",
+        "diagnosis.worse_in_training",
+        "evaluation.model_trained_on",
+        "evaluation.no_gain",
+        "evaluation.trained_on",
+        "evaluation.worse",
+        "noise.angle_random_walk_not_resolved",
+        "noise.cross_check_disagrees",
+        "noise.misfit",
+        "noise.not_stationary",
+        "noise.spectrum_misfit",
+        "recording.exchanged_thermometers",
+        "recording.other_sign",
+        "recording.unit_contradicts_table",
+    }
+)
+LIMITING: Final = frozenset(
+    {
+        "calibration.biases_differ_between_runs",
+        "calibration.gyros_cross_zero_rate",
+        "calibration.gyros_hardly_turn",
+        "calibration.no_accelerometers",
+        "calibration.one_repeat",
+        "calibration.outliers",
+        "calibration.outlying_repeat",
+        "calibration.parameters_correlated",
+        "calibration.pulse_taken_as_scale_factor",
+        "calibration.table_moved",
+        "challenge.absorbed_by_the_simulator",
+        "challenge.far_above_usual_size",
+        "challenge.found_at_smallest_strength",
+        "diagnosis.bias_step",
+        "diagnosis.cancelling",
+        "diagnosis.extrapolated",
+        "diagnosis.file_differs",
+        "diagnosis.indistinguishable",
+        "diagnosis.late_thermometer",
+        "diagnosis.noise_not_as_stated",
+        "diagnosis.null_possible",
+        "diagnosis.run_lacks_column",
+        "diagnosis.set_uncertain",
+        "diagnosis.unidentified",
+        "diagnosis.wrong_number",
+        "evaluation.cubic_suffices",
+        "evaluation.offset",
+        "evaluation.out_of_range",
+        "noise.base_motion",
+        "noise.base_motion_limits",
+        "noise.curve_ends_early",
+        "noise.encoder_delay_unknown",
+        "noise.narrow_lines",
+        "noise.pulse_beat",
+        "noise.table_turns",
+        "noise.temperature_changes",
+        "noise.turntable",
+    }
+)
+LEVELS: Final = ("decisive", "limiting", "note")
+
+
+def level(one: Message) -> str:
+    """One of :data:`LEVELS`: the result or its proof fails; it holds within limits; or what was done is told."""
+    return LEVELS[0] if one.code in DECISIVE else LEVELS[1] if one.code in LIMITING else LEVELS[2]
+
+
+def by_consequence(messages: Iterable[Message]) -> tuple[Message, ...]:
+    """Messages, the most consequential first; within a level their order stays."""
+    return tuple(sorted(messages, key=lambda one: LEVELS.index(level(one))))
