@@ -126,7 +126,8 @@ def test_the_page_holds_what_was_found(found: Diagnosis, tmp_path: Path) -> None
     found.report(tmp_path / "report.html")
     page = html.unescape((tmp_path / "report.html").read_text())
     assert page.count("<svg") >= 3
-    for part in (*(one.text for one in found.messages), "supply_voltage_V", "run1", "run2", "deg/h"):
+    sentences = [one.text.replace("supply_voltage ", "supply voltage ") for one in found.messages]
+    for part in (*sentences, "<h1>The simulator lacks supply voltage</h1>", "supply_voltage_V", "run1", "run2", "deg/h"):
         assert part in page
 
 
@@ -269,7 +270,7 @@ def test_it_is_plotted_as_its_page_shows_it(found: Diagnosis) -> None:
     axes = found.plot()
     assert [axis.get_title(loc="left").partition(":")[0].partition(" (")[0] for axis in axes] == [
         "run2",
-        "supply_voltage",
+        "supply voltage",
         "Before and after, test runs",
     ]
     assert axes[1].get_xlabel() == "supply voltage, V"

@@ -81,7 +81,7 @@ def texts(axes: Axes) -> list[Any]:
     ticks = [
         label
         for axis in (axes.xaxis, axes.yaxis)
-        for place, label in zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True)
+        for place, label in zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=False)
         if min(axis.get_view_interval()) <= place <= max(axis.get_view_interval())
     ]
     return [axes.title, axes.xaxis.label, axes.yaxis.label, *ticks]
