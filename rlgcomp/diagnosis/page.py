@@ -27,9 +27,8 @@ from rlgcomp.report.messages.wording import (
     rms_text,
     time_text,
 )
-from rlgcomp.report.page import digests, in_words
+from rlgcomp.report.page import Picture, digests, in_words, save_pictures
 from rlgcomp.report.page import render as render_page
-from rlgcomp.report.svg import Picture, save_pictures
 
 _ROWS: Final = 13  # of a function's table on the page
 _VERDICTS: Final = {

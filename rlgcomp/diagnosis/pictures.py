@@ -40,7 +40,8 @@ from rlgcomp.report.drawing import (
     wrapped,
 )
 from rlgcomp.report.messages.wording import probability_text
-from rlgcomp.report.svg import Picture
+from rlgcomp.report.page import Picture
+from rlgcomp.report.svg import picture
 from rlgcomp.units import column_unit, typeset
 
 Array = npt.NDArray[np.float64]
@@ -382,7 +383,7 @@ def before_and_after(record: Record) -> Picture:
             borderaxespad=0.0,
         )
         names = ", ".join(run.name for run, _ in runs)
-        return Picture.of(
+        return picture(
             figure,
             "runs",
             "Residuals of runs",
@@ -402,7 +403,7 @@ def function(record: Record, k: int, truth: Truth | None = None) -> Picture:
         table = cause.function
         over = "time" if table is None else table.of
         lines = "; dashed: what was concealed" if (truth or {}).get(cause.name) is not None else ""
-        return Picture.of(
+        return picture(
             figure,
             f"function-{k + 1}-{cause.name}",
             f"{name[:1].upper()}{name[1:]}: the function found",
@@ -418,7 +419,7 @@ def scores(score: Score) -> Picture:
         axes = figure.subplots()
         draw_scores(axes, score)
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             "errors",
             "Errors before and after",
@@ -442,4 +443,4 @@ def probabilities(record: Record) -> Picture | None:
         texts = [
             f"{cause_words(label)} {probability_text(p)}" for (label, _), p in zip(rows, _set_probabilities(record), strict=True)
         ]
-        return Picture.of(figure, "probabilities", "Probabilities of causes and of sets", f"Sets: {'; '.join(texts)}")
+        return picture(figure, "probabilities", "Probabilities of causes and of sets", f"Sets: {'; '.join(texts)}")

@@ -34,7 +34,8 @@ from rlgcomp.report.drawing import (
     time_axis,
     wrapped,
 )
-from rlgcomp.report.svg import Picture
+from rlgcomp.report.page import Picture
+from rlgcomp.report.svg import picture
 
 _TITLE: Final = 60  # letters of a title on a line
 _MOST_WIDTHS: Final = 7  # of the search, drawn as lines
@@ -68,7 +69,7 @@ def over_time(trace: Trace, floor_deg_h: float) -> Picture:
         figure = Figure(figsize=(WIDTH_IN, 2.0 + 1.55 * len(heights)), layout="constrained")
         axes = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
         _over_time(list(axes), trace, floor_deg_h)
-        return Picture.of(
+        return picture(
             figure,
             f"time-{trace.run}",
             f"{trace.run} over time",
@@ -115,7 +116,7 @@ def loop(trace: Trace) -> Picture | None:
         draw_loop(axes, trace)
         legend(axes)
         low, high = trace.temperature_degC.min(), trace.temperature_degC.max()
-        return Picture.of(
+        return picture(
             figure,
             f"loop-{trace.run}",
             f"{trace.run} against temperature",
@@ -144,7 +145,7 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> Pi
         logarithmic(axes, "Allan deviation in deg/h")
         axes.set_title("Allan deviation")
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             "allan",
             "Allan deviation before and after",
@@ -191,7 +192,7 @@ def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> Picture | N
         draw_comparison(axes, table, evaluation)
         legend(axes)
         best = table.sort_values("residual_std_deg_h").iloc[0]
-        return Picture.of(
+        return picture(
             figure,
             "features",
             "Feature groups and models",
@@ -223,7 +224,7 @@ def search(table: pd.DataFrame) -> Picture | None:
         axes.set_ylabel("rms error over the gyro's spread")
         axes.set_title("Search: error with runs left out")
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             "search",
             "Search of the hyperparameters",
@@ -253,7 +254,7 @@ def contributions(recording: Recording) -> Picture | None:
         axes.set_xlabel(label)
         axes.set_ylabel(unit)
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             f"contributions-{recording.name}",
             f"Contributions to the simulated bias of {recording.name}",

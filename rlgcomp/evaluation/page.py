@@ -15,9 +15,8 @@ from rlgcomp.evaluation.record import EvaluationRecord
 from rlgcomp.files import write_json, write_text
 from rlgcomp.recording import Recording
 from rlgcomp.recording.provenance import provenance
-from rlgcomp.report.page import Described, digests
+from rlgcomp.report.page import Described, Picture, digests, save_pictures
 from rlgcomp.report.page import render as render_page
-from rlgcomp.report.svg import Picture, save_pictures
 
 
 def write_report(

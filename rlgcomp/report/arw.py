@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
 from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, legend, time_axis
-from rlgcomp.report.svg import Picture
+from rlgcomp.report.page import Picture
+from rlgcomp.report.svg import picture
 
 SHOWN_MEANS_S: Final = 60
 
@@ -43,7 +44,7 @@ def orders(one: AngleRandomWalk) -> Picture:
         axes.set_ylabel("amplitude in deg/h")
         axes.set_title(f"Harmonics of the table angle, {_name(one)}")
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             f"{_stem(one)}-orders",
             f"Harmonics of the table angle, {_name(one)}",
@@ -76,7 +77,7 @@ def output(one: AngleRandomWalk) -> Picture:
         for axes in (top, bottom):
             axes.set_ylabel("deg/h")
         top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
-        return Picture.of(
+        return picture(
             figure,
             f"{_stem(one)}-output",
             f"Output before and after, {_name(one)}",
@@ -103,7 +104,7 @@ def allan(one: AngleRandomWalk) -> Picture:
         axes.set_ylabel("Allan deviation in deg/h")
         axes.set_title(f"Allan deviation, {_name(one)}")
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             f"{_stem(one)}-allan",
             f"Allan deviation, {_name(one)}",
@@ -130,7 +131,7 @@ def spectrum(one: AngleRandomWalk) -> Picture:
         axes.set_ylabel("(deg/h)²/Hz")
         axes.set_title(f"Spectrum of the residual, {_name(one)}")
         legend(axes)
-        return Picture.of(
+        return picture(
             figure,
             f"{_stem(one)}-spectrum",
             f"Spectrum of the residual, {_name(one)}",

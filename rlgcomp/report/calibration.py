@@ -18,9 +18,9 @@ from rlgcomp.calibration.triad.joint import PRIOR_SD
 from rlgcomp.files import write_text
 from rlgcomp.recording.provenance import provenance
 from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, time_axis
-from rlgcomp.report.page import Described, digests
+from rlgcomp.report.page import Described, Picture, digests, save_pictures
 from rlgcomp.report.page import render as render_page
-from rlgcomp.report.svg import Picture, save_pictures
+from rlgcomp.report.svg import picture
 from rlgcomp.simulation.triad_errors import GYRO
 from rlgcomp.units import value_and_sd
 
@@ -102,7 +102,7 @@ def velocity(run: RunResult) -> Picture:
                 axis.set_ylabel("m/s")
         for axis in axes[1]:
             axis.set_xlabel(label)
-        return Picture.of(
+        return picture(
             figure,
             f"velocity-{run.name}",
             f"Velocity error of a navigator, {run.name}",
@@ -142,7 +142,7 @@ def convergence(curves: pd.DataFrame) -> Picture | None:
         by_label = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
         figure.legend(by_label.values(), by_label.keys(), loc="outside lower left", ncols=len(by_label))
         names = ", ".join(one.symbol for one in determined)
-        return Picture.of(
+        return picture(
             figure,
             "convergence",
             "Convergence of the estimates",

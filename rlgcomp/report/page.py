@@ -5,6 +5,7 @@ A page is readable without its script, which adds zoom and hover to the figures.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import html
 import importlib.metadata
@@ -27,6 +28,32 @@ _HEADINGS: Final = {"decisive": "Read before use", "limiting": "Limits", "note":
 _CONTENTS: Final = "<!-- contents -->"
 _SECTION: Final = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>')
 _BESIDE_RELEASE: Final = ("numpy", "scipy")
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """A figure as a page shows it and as it is saved by itself.
+
+    Parameters
+    ----------
+    name : str
+        Of its file, and the beginning of its identifiers.
+    title, description : str
+        What it shows, in a few words; what is to be seen in it, for readers who do not see it.
+    svg : str
+    """
+
+    name: str
+    title: str
+    description: str
+    svg: str
+
+
+def save_pictures(folder: Path, pictures: Iterable[Picture]) -> None:
+    """Write each picture as `NAME.svg` into a folder, which is made where it does not exist."""
+    folder.mkdir(exist_ok=True)
+    for one in pictures:
+        (folder / f"{one.name}.svg").write_text(one.svg, encoding="utf-8")
 
 
 class Described(Protocol):

@@ -12,7 +12,6 @@ import io
 import json
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, Final
 
 from matplotlib import rc_context
@@ -25,50 +24,24 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter, FuncFormatter, NullFormatter
 
+from rlgcomp.report.page import Picture
+
 _POINTS_PER_INCH: Final = 72.0
 _FONTS: Final = "'DejaVu Sans', Verdana, 'Segoe UI', sans-serif"  # Verdana has the widths of DejaVu Sans
 _REFERENCE: Final = re.compile(r'( id="|url\(#|href="#)')
 
 
-@dataclasses.dataclass(frozen=True)
-class Picture:
-    """A figure as a page shows it and as it is saved by itself.
+def picture(figure: Figure, name: str, title: str, description: str) -> Picture:
+    """The picture of a Matplotlib figure.
 
     Parameters
     ----------
-    name : str
-        Of its file, and the beginning of its identifiers.
-    title, description : str
-        What it shows, in a few words; what is to be seen in it, for readers who do not see it.
-    svg : str
+    figure : Figure
+    name, title, description : str
+        As of :class:`~rlgcomp.report.page.Picture`; what a file may not be named is replaced.
     """
-
-    name: str
-    title: str
-    description: str
-    svg: str
-
-    @classmethod
-    def of(cls, figure: Figure, name: str, title: str, description: str) -> Picture:
-        """The picture of a Matplotlib figure.
-
-        Parameters
-        ----------
-        figure : Figure
-        name, title, description : str
-        """
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-") or "figure"
-        return cls(name, title, description, svg(figure, name, title, description))
-
-    def __str__(self) -> str:
-        return self.svg
-
-
-def save_pictures(folder: Path, pictures: list[Picture]) -> None:
-    """Write each picture as `NAME.svg` into a folder, which is made where it does not exist."""
-    folder.mkdir(exist_ok=True)
-    for one in pictures:
-        (folder / f"{one.name}.svg").write_text(one.svg, encoding="utf-8")
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-") or "figure"
+    return Picture(name, title, description, svg(figure, name, title, description))
 
 
 def svg(figure: Figure, name: str = "figure", title: str = "", description: str = "") -> str:
