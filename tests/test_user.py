@@ -174,9 +174,9 @@ def test_all_faults_at_once(tmp_path: Path) -> None:
         user_catalogue([write(tmp_path, text)])
 
 
-def test_the_readmes_example_is_found_on_a_table_with_an_encoder_alone(tmp_path: Path) -> None:
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-    (example,) = (block.partition("```")[0] for block in readme.split("```python\n") if "class Stretch" in block)
+def test_the_documentations_example_is_found_on_a_table_with_an_encoder_alone(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[1] / "docs/howto/add_a_mechanism.md").read_text(encoding="utf-8")
+    example = page.partition("<<'PYTHON'\n")[2].partition("\nPYTHON\n")[0]
     catalogue = user_catalogue([write(tmp_path, example)])
     content = {"kind": "turntable", "mechanisms": [{"scale_factor": {"k_ppm": 5.0}}, {"centrifugal_stretch": {"k_deg_h": 0.05}}]}
     made = rlg.Simulator.from_mapping(content, catalogue).simulate("rates", seed=1)

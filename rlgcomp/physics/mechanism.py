@@ -128,8 +128,8 @@ def setting(default: Any, unit: str = "", *, choices: tuple[str, ...] = (), low:
 class Mechanism(abc.ABC):
     """One cause of error. Subclasses are frozen dataclasses, one a file, and are not subclassed further.
 
-    Class attributes
-    ----------------
+    Attributes
+    ----------
     name : str
         As in simulator files and in a diagnosis.
     kind : {"chamber", "turntable", "any"}
