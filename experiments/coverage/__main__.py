@@ -19,6 +19,11 @@ from rlgcomp.compensation.window_means import window_means
 from rlgcomp.noise.processes import stream
 
 HELD_OUT = 3
+TURN_ON_DEG_H = 0.01
+OFFSET_S = 600.0
+DRAWS = 10
+STEP_S = 10.0
+TURN_ON_CASES = [*(("dynamic", runs) for runs in (1, 2, 4, 6)), *(("lssvm", runs) for runs in (1, 2, 4, 6))]
 NORMAL = 1.645  # 90 % of a normal distribution lie within so many standard deviations
 CASES = [
     *(("dynamic", "play", runs) for runs in (1, 2, 3, 5, 9)),
@@ -61,6 +66,58 @@ def covered(seed: int, model: str, law: str, training: int) -> list[dict[str, fl
     return found
 
 
+def covered_with_turn_on(seed: int, model: str, training: int) -> list[dict[str, float]]:
+    """Shares of windows held, one row for each draw of the runs' biases, mean of the runs held out."""
+    logging.disable(logging.WARNING)
+    unit, rng = rlg.simulated_unit(seed), stream(seed, "programmes")
+    runs = [unit.simulate(programme(rng), seed=k, step_s=STEP_S, name=f"{k}") for k in range(training + HELD_OUT)]
+    found = []
+    for _ in range(DRAWS):
+        biases = TURN_ON_DEG_H * rng.standard_normal(len(runs))
+        shifted = [run.with_column("gyro_deg_h", run.column("gyro_deg_h") + bias) for run, bias in zip(runs, biases, strict=True)]
+        compensator = rlg.Compensator(MODELS[model].make()).fit(shifted[:training], screen=False)
+        held, zeroed = [], []
+        interval = compensator.offset_interval(OFFSET_S)
+        for run in shifted[training:]:
+            windows = window_means(run, compensator.pipeline_, compensator.averaging_s)
+            error = windows.y_deg_h - compensator.predict_rows(windows.X)
+            held.append(float(np.mean(np.abs(error) <= compensator.half_widths(windows.X))))
+            first = windows.time_s < windows.time_s[0] + OFFSET_S
+            widths = compensator.half_widths(windows.X) + interval.inside_deg_h - compensator.interval_.inside_deg_h
+            zeroed.append(float(np.mean((np.abs(error - error[first].mean()) <= widths)[~first])))
+        found.append(
+            {
+                "unit": seed,
+                "covered": float(np.mean(held)),
+                "zeroed": float(np.mean(zeroed)),
+                "width": compensator.interval_.inside_deg_h,
+                "zeroed width": interval.inside_deg_h,
+            }
+        )
+    return found
+
+
+def turn_on(work: Work, units: int) -> list[dict[str, object]]:
+    """One row for each model and number of training runs."""
+    pieces = [(seed, *case) for case in TURN_ON_CASES for seed in range(units)]
+    made = work.results("coverage turn-on", covered_with_turn_on, pieces)
+    table: list[dict[str, object]] = []
+    for k, (model, training) in enumerate(TURN_ON_CASES):
+        found = pd.DataFrame([row for rows in made[k * units : (k + 1) * units] for row in rows], dtype=float)
+        means, errors = found.mean(), found.groupby("unit").mean().std() / np.sqrt(units)
+        table.append(
+            {
+                "model": model,
+                "training runs": training,
+                "covered, %": f"{100 * means['covered']:.1f} ± {100 * errors['covered']:.1f}",
+                "half width, median, deg/h": f"{found['width'].median():.4f}",
+                f"offset zeroed over {OFFSET_S:.0f} s: covered, %": f"{100 * means['zeroed']:.1f} ± {100 * errors['zeroed']:.1f}",
+                "its half width, median, deg/h": f"{found['zeroed width'].median():.4f}",
+            }
+        )
+    return table
+
+
 def legs() -> list[dict[str, object]]:
     """Shares held on each leg of each axis, trained on the two other legs."""
     logging.disable(logging.WARNING)
@@ -89,10 +146,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="two units, two cases")
     parser.add_argument("--units", type=int, default=20, help="simulated gyro units (default 20)")
     Work.add_options(parser, "coverage")
+    parser.add_argument("--turn-on", action="store_true", help="runs with biases of their own")
     parser.add_argument("--legs", action="store_true", help="the legs of a MEMS IMU's thermal cycle (../shared/data/real)")
     options = parser.parse_args(argv)
     if options.legs:
         show_table("Legs of a MEMS IMU held out in turn: windows of 10 s in their 90 % interval, %", legs())
+        return
+    if options.turn_on:
+        title = f"Windows in their 90 % interval, turn-on biases of {TURN_ON_DEG_H:g} deg/h rms, {options.units} units"
+        show_table(title, turn_on(Work.of(options), options.units))
         return
     units, cases = (2, CASES[1:3]) if options.quick else (options.units, CASES)
     print(f"# Coverage of {100 * COVERAGE:.0f} % intervals, {units} units, {HELD_OUT} runs held out of each\n")
