@@ -172,3 +172,41 @@ def test_runs_with_biases_of_their_own_are_covered_on_average(runs: int) -> None
         interval = Interval.calibrated(errors, X, errors, np.repeat(np.arange(runs), 40), runs=runs)
         covered.append(np.mean(np.abs(bias[runs] - bias[:runs].mean() + noise[runs]) <= interval.inside_deg_h))
     assert 0.87 < np.mean(covered) < 0.94
+
+
+def test_a_stated_repeatability_covers_runs_after_a_single_one() -> None:
+    """Runs with biases of their own, drawn many times: the interval of one run holds them only where it was stated."""
+    rng = np.random.default_rng(7)
+    covered: dict[float, list[float]] = {0.0: [], 0.5: []}
+    groups = np.repeat(np.arange(5), 40)
+    for _ in range(300):
+        new = 0.5 * (rng.standard_normal() - rng.standard_normal())  # of a new run, less that of the only run of training
+        errors, later = 0.1 * rng.standard_normal(200), 0.1 * rng.standard_normal(200)
+        for stated, shares in covered.items():
+            interval = Interval.calibrated(
+                errors, np.linspace(0.0, 1.0, 200)[:, None], errors, groups, runs=1, blocks=True, turn_on_deg_h=stated
+            )
+            shares.append(float(np.mean(np.abs(new + later) <= interval.inside_deg_h)))
+    assert np.mean(covered[0.0]) < 0.35
+    assert 0.88 < np.mean(covered[0.5]) < 0.96
+
+
+def test_a_stated_repeatability_counts_less_the_more_runs_there_are() -> None:
+    rng = np.random.default_rng(8)
+    widths = {}
+    for runs in (2, 40):
+        groups = np.repeat(np.arange(runs), 50)
+        errors = 0.2 * rng.standard_normal(runs)[groups] + 0.02 * rng.standard_normal(len(groups))
+        for stated in (0.0, 0.05):
+            X = np.tile(np.linspace(0.0, 1.0, 50), runs)[:, None]
+            interval = Interval.calibrated(errors, X, errors, groups, runs=runs, turn_on_deg_h=stated)
+            assert Interval.from_mapping(interval.to_mapping()) == interval
+            widths[runs, stated] = interval.inside_deg_h
+    assert widths[2, 0.05] < 0.6 * widths[2, 0.0]
+    assert widths[40, 0.05] > 0.85 * widths[40, 0.0]
+
+
+@pytest.mark.parametrize("stated", [-1.0, np.nan, "0.01", True])
+def test_a_repeatability_that_is_no_number_is_refused(stated: object, short_runs: list[rlg.Recording]) -> None:
+    with pytest.raises(rlg.InputError, match="turn_on_deg_h"):
+        rlg.Compensator(rlg.CubicLeastSquares(), turn_on_deg_h=stated).fit(short_runs[:1])  # type: ignore[arg-type]

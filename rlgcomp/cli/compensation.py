@@ -75,6 +75,15 @@ def train(
         bool,
         typer.Option("--keep-mean", help="Keep the mean of the training runs, for example the Earth rate, in the corrected gyro."),
     ] = False,
+    turn_on_deg_h: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG_H",
+            min=0.0,
+            help="Repeatability of the bias from switch-on to switch-on in deg/h, one standard deviation, as of a data sheet: "
+            "for the interval of a model of few runs, which hardly show it.",
+        ),
+    ] = None,
     adapt: Annotated[
         Path | None,
         typer.Option(
@@ -175,6 +184,7 @@ def train(
             keep_mean=keep_mean,
             n_jobs=jobs,
             physics=physics_of(physics, simulator, recordings, chosen),
+            turn_on_deg_h=turn_on_deg_h,
         )
         with progress("selecting") as advance:
             compensator.fit(recordings, journal=journal if journal.parent.is_dir() else None, progress=advance)

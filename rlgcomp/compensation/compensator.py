@@ -27,7 +27,7 @@ from rlgcomp.compensation.feature_pipeline import (
 from rlgcomp.compensation.features import Level
 from rlgcomp.compensation.held_out_errors import HeldOutErrors
 from rlgcomp.compensation.input_selection import ChosenInputs
-from rlgcomp.compensation.interval import Interval
+from rlgcomp.compensation.interval import Interval, require_turn_on
 from rlgcomp.compensation.known_physics import HybridInputs, amplitudes_of, parts_of, require_lssvm
 from rlgcomp.compensation.models import specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
@@ -71,6 +71,9 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         Of a chamber, as ``diagnosis.augmented``: its mechanisms are the mean, their amplitudes fitted with the LS-SVM, which learns
         the rest; see :mod:`rlgcomp.compensation.known_physics`. Beyond the training range the physics goes on, and the LS-SVM's
         part keeps its value at the edge.
+    turn_on_deg_h : float, optional
+        Repeatability of the bias from switch-on to switch-on, one standard deviation, as a data sheet states it: for the interval
+        of models trained on few runs.
 
     Attributes
     ----------
@@ -116,6 +119,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         keep_mean: bool = False,
         n_jobs: int = 1,
         physics: Simulator | None = None,
+        turn_on_deg_h: float | None = None,
     ) -> None:
         self.model = model
         self.features = features
@@ -124,6 +128,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         self.keep_mean = keep_mean
         self.n_jobs = n_jobs
         self.physics = physics
+        self.turn_on_deg_h = turn_on_deg_h
 
     def _repr_html_(self) -> str:
         heading, _, rest = repr(self).partition("\n")
@@ -173,6 +178,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         model = LSSVMRegressor() if self.model is None else self.model
         require_regressor(model)
         require_lssvm(model, self.physics)
+        require_turn_on(self.turn_on_deg_h)
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
         for run in runs:
@@ -249,7 +255,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     def calibrated_interval(self) -> Interval:
         """From the errors of the selected model on runs left out."""
-        return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval()
+        return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval(self.turn_on_deg_h or 0.0)
 
     def offset_interval(self, offset_s: float) -> Interval:
         """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""

@@ -73,8 +73,8 @@ class HeldOutErrors:
             later[start] = len(start) == len(rows)
         return dataclasses.replace(self, errors_deg_h=errors, counted=later)
 
-    def interval(self) -> Interval:
-        """The interval that the counted windows calibrate."""
+    def interval(self, turn_on_deg_h: float = 0.0) -> Interval:
+        """The interval that the counted windows calibrate, with a stated repeatability from switch-on to switch-on."""
         y_deg_h = [part.y_deg_h for part in self.training]
         return Interval.calibrated(
             self.errors_deg_h[self.counted],
@@ -84,4 +84,5 @@ class HeldOutErrors:
             runs=len(self.training),
             noise_deg_h=noise_of_windows_deg_h(y_deg_h),
             blocks=len(self.training) == 1,
+            turn_on_deg_h=turn_on_deg_h,
         )

@@ -19,6 +19,10 @@ the scatter differs from run to run: with :math:`Q_{-r}` the 90 % quantile of :m
 
 .. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } |e_i - d_r| - Q_{-r} .
 
+A stated repeatability from switch-on to switch-on, :math:`\sigma`, counts as ten runs: with :math:`s_0^2 = \sigma^2 (1 + 1/R)`
+the scale is that of :math:`(10 s_0^2 + (R - 1) s^2) / (R + 9)`, and T has R + 9 degrees of freedom. One run alone does not show
+how runs differ: without a stated repeatability its interval is that of the same run.
+
 Windows beyond the range of the other runs depend on w, not on q, and are not counted. Where no run lies within the range of the
 others, q is the 90 % quantile of the whole errors, extrapolated as they are: how far runs are from each other. Of a single run
 blocks are left out, and their errors beyond the range of the others count less w e. q is never less than the noise of the means.
@@ -50,6 +54,7 @@ from rlgcomp.numerics.robust import SD_OF_MAD
 Array = npt.NDArray[np.float64]
 COVERAGE: Final = 0.9
 _FEWEST_INSIDE: Final = 10
+STATED_RUNS: Final = 10  # that a stated repeatability counts for
 BASES: Final = ("runs", "spread", "blocks", "unknown")
 
 
@@ -70,6 +75,8 @@ class Interval:
     basis : {"runs", "spread", "blocks", "unknown"}
         What was left out in turn: runs; runs of which none lies within the range of the others; blocks of a single run, which do
         not show how runs differ; or nothing, where no error is known.
+    turn_on_deg_h : float
+        Stated repeatability of the bias from switch-on to switch-on that is in the half width; zero where none was stated.
     """
 
     inside_deg_h: float
@@ -77,6 +84,7 @@ class Interval:
     coverage: float
     runs: int
     basis: str = "runs"
+    turn_on_deg_h: float = 0.0
 
     @classmethod
     def calibrated(
@@ -90,6 +98,7 @@ class Interval:
         coverage: float = COVERAGE,
         noise_deg_h: float = 0.0,
         blocks: bool = False,
+        turn_on_deg_h: float = 0.0,
     ) -> Self:
         """The interval from errors with each group left out.
 
@@ -108,6 +117,8 @@ class Interval:
             Standard deviation of the noise of a window.
         blocks : bool
             The groups are blocks of a single run.
+        turn_on_deg_h : float
+            Stated standard deviation of the bias from switch-on to switch-on.
         """
         per_span_deg_h = float(np.ptp(y_deg_h))
         errors = []
@@ -129,12 +140,15 @@ class Interval:
         scores = [np.abs(error) for error in within]
         others = [quantile([*scores[:k], *scores[k + 1 :]] or scores, coverage) for k in range(len(scores))]
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
-        inside_deg_h = _half_width(within, _spread_of_runs(means), max(1, len(means) - 1), coverage) + margin_deg_h
+        spread, degrees_of_freedom = _spread_of_runs(means), max(1, len(means) - 1)
+        if turn_on_deg_h > 0.0:
+            spread, degrees_of_freedom = _with_stated(spread, turn_on_deg_h, 1 if blocks else len(means))
+        inside_deg_h = _half_width(within, spread, degrees_of_freedom, coverage) + margin_deg_h
         inside_deg_h = max(inside_deg_h, float(stats.norm.ppf(0.5 + 0.5 * coverage)) * noise_deg_h)
         if not inside_deg_h > 0.0:
             basis = "unknown"
             inside_deg_h = per_span_deg_h or float(np.spacing(np.abs(y_deg_h).max()))
-        return cls(inside_deg_h, per_span_deg_h, coverage, runs if blocks else len(errors), basis)
+        return cls(inside_deg_h, per_span_deg_h, coverage, runs if blocks else len(errors), basis, turn_on_deg_h)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -156,7 +170,8 @@ class Interval:
         basis = values.get("basis", "runs")
         if basis not in BASES:
             raise InputError(f"interval: basis is {str(basis)[:40]!r}; it must be {', '.join(BASES[:-1])} or {BASES[-1]}")
-        return cls(inside, per_span, coverage, runs, basis)
+        turn_on = finite(values.get("turn_on_deg_h", 0.0), "interval: turn_on_deg_h", low=0.0)
+        return cls(inside, per_span, coverage, runs, basis, turn_on)
 
     def half_width_deg_h(self, spans_outside: Array) -> Array:
         """Half width for inputs this number of spans beyond the training range, shape (n,); see :func:`excess`."""
@@ -165,6 +180,18 @@ class Interval:
     def to_mapping(self) -> dict[str, float | int | str]:
         """Plain data, for the artefact."""
         return dataclasses.asdict(self)
+
+
+def require_turn_on(turn_on_deg_h: Any) -> None:
+    """Raise unless a stated repeatability is a number of zero or more, or None.
+
+    Raises
+    ------
+    InputError
+        It is anything else.
+    """
+    if turn_on_deg_h is not None:
+        finite(turn_on_deg_h, "turn_on_deg_h", low=0.0)
 
 
 def noise_of_windows_deg_h(runs: Sequence[Array]) -> float:
@@ -186,6 +213,13 @@ def _spread_of_runs(means: Array) -> float:
     count = len(means)
     shrink = (count - 1) / count if count > 1 else 0.5  # one run is compared with another one
     return float(np.sqrt(shrink * (1.0 + 1.0 / count) * np.mean(means**2)))
+
+
+def _with_stated(spread: float, turn_on_deg_h: float, runs: int) -> tuple[float, int]:
+    """Scale and degrees of freedom with a stated repeatability, which counts as a number of runs."""
+    stated = turn_on_deg_h**2 * (1.0 + 1.0 / runs)
+    degrees_of_freedom = STATED_RUNS + runs - 1
+    return math.sqrt((STATED_RUNS * stated + (runs - 1) * spread**2) / degrees_of_freedom), degrees_of_freedom
 
 
 def _half_width(within: Sequence[Array], spread: float, degrees_of_freedom: int, coverage: float) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 
-def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
+def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_deg_h: float) -> str:
     calibrated = f"The interval was calibrated on {number} {parts}, each left out in turn"
     if basis == "unknown":
         return (
@@ -17,6 +17,11 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str) -> str:
         return (
             f"None of the {number} {parts} lies within the range of the others. The interval is their error extrapolated from each "
             "other, each left out in turn: for another one no share is promised."
+        )
+    if number == 1 and turn_on_deg_h:
+        return (
+            f"The interval was calibrated on blocks of a single run, each left out in turn, and on the stated repeatability of "
+            f"{turn_on_deg_h:.3g} deg/h from switch-on to switch-on. Another run must not differ in more than that."
         )
     if number == 1:
         return (
