@@ -93,7 +93,7 @@ def test_a_compensator_is_an_estimator(runs: list[rlg.Recording]) -> None:
     bare = rlg.Compensator()
     assert bare.get_params(deep=False) == {
         "model": None, "features": "all", "averaging_s": 100.0, "gyro": None, "keep_mean": False, "n_jobs": 1,
-        "turn_on_deg_h": None,
+        "physics": None, "turn_on_deg_h": None,
     }  # fmt: skip
     assert str(bare).startswith("Compensator, not fitted: LSSVMRegressor, features all")
     features = ["temperature", "temperature_rate"]
