@@ -76,3 +76,26 @@ def test_a_reading_of_the_output_is_known_by_its_factor(
     found = diagnose(lambda run: np.zeros(len(run)), runs, output="turn_deg_s", black_box=False, only=["warm_up"])
     told = [(one.data["column"], one.data["output_is"]) for one in found.remarks if one.code == "diagnosis.identity"]
     assert told == expected
+
+
+@pytest.mark.slow
+def test_a_positioning_system_lacks_coulomb_friction() -> None:
+    """Beside a simulator of mass and viscous friction: a law with the sign of the velocity, its friction as published."""
+    file = REAL / "emps" / "emps.csv.gz"
+    if not file.exists():
+        pytest.skip(f"no recording of a positioning system in {file.parent}")
+    table = pd.read_csv(file)
+    parts = [recording(table.iloc[k * 8280 : (k + 1) * 8280], f"part{k}") for k in range(3)]
+
+    def viscous(run: rlg.Recording) -> np.ndarray:
+        return np.asarray(95.1 * run.column("acceleration_m_s2") + 203.5 * run.column("velocity_m_s"))
+
+    found = diagnose(viscous, parts[:2], parts[2:], output="force_N", black_box=False)
+    assert found.test is not None
+    assert found.test.improvement > 0.9
+    law = next(one for one in found.members if one.name == "law:velocity_m_s")
+    assert law.equation in ("b = c sign(velocity_m_s)", "b = c tanh(velocity_m_s / w)")
+    friction = law.parameters["c"]
+    assert friction.unit == "N"
+    assert abs(friction.value - 20.39) < 2.0 * friction.sd
+    assert law.rms == max(one.rms for one in found.members)

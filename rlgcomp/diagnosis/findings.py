@@ -231,20 +231,31 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
 
 
 def _of_law(fit: Fit, k: int, unit: str) -> dict[str, Estimate]:
-    """Coefficients of a law's equation: c of a sign, k of a column; none where another basis leads."""
+    """Coefficients of a law's equation with which it comes nearest to the whole term; none where another basis leads.
+
+    Departures of the term are not at right angles to the equation: its own weights alone are no coefficients.
+    """
     member, bases = fit.parts[k]
-    weights, covariance = fit.weights(k), fit.solution.covariance[fit.inside(k), fit.inside(k)]
-    found: dict[str, Estimate] = {}
-    for j, lead in enumerate(member.form.lead):
-        if isinstance(lead, Sign):
-            name, per = "c", unit
-        elif isinstance(lead, Power) and lead.degree == 1 and lead.path.memory == "none":
-            name, per = "k", f"{unit}/({column_unit(lead.path.driver.columns[0]) or 'unit'})"
-        else:
-            return {}
-        scale = bases[j][1] * lead.per_unit()
-        found[name] = Estimate(float(weights[j] * scale), float(np.sqrt(covariance[j, j])) * scale, per)
-    return found
+    names = [_coefficient(lead, unit) for lead in member.form.lead]
+    if not all(name for name, _ in names):
+        return {}
+    rows = fit.data.of_windows
+    columns = [fit.bank.columns(basis)[rows] for basis, _ in bases]
+    equation = np.column_stack([np.ones(len(rows)), *(table / lead.per_unit() for lead, table in zip(member.form.lead, columns, strict=False))])
+    term = np.hstack([scale * table for (_, scale), table in zip(bases, columns, strict=True)])
+    nearest = np.linalg.lstsq(equation, term, rcond=1e-12)[0][1:]
+    covariance = nearest @ fit.solution.covariance[fit.inside(k), fit.inside(k)] @ nearest.T
+    values, spread = nearest @ fit.weights(k), np.sqrt(np.diag(covariance))
+    return {name: Estimate(float(value), float(sd), of) for (name, of), value, sd in zip(names, values, spread, strict=True)}
+
+
+def _coefficient(lead: Basis, unit: str) -> tuple[str, str]:
+    """Name and unit of a leading basis's coefficient; empty of one that has none."""
+    if isinstance(lead, Sign):
+        return "c", unit
+    if isinstance(lead, Power) and lead.degree == 1 and lead.path.memory == "none":
+        return "k", f"{unit}/({column_unit(lead.path.driver.columns[0]) or 'unit'})"
+    return "", ""
 
 
 def _by_run(fit: Fit, k: int) -> dict[str, float]:
