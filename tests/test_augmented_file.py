@@ -103,6 +103,18 @@ def test_a_table_is_straight_beyond_its_knots_and_monotone_between() -> None:
     assert 0.0 < values[2] < 2.0
 
 
+def test_a_rate_that_jumps_from_row_to_row_is_read_as_it_is() -> None:
+    """Liu's table 3 as a recording: a smoothed rate left 150 times the noise of a window."""
+    rates = np.tile([1.0, -60.0, 30.0, -2.0, 60.0, -9.0], 40)
+    run = Recording(
+        pd.DataFrame({"time_s": 100.0 * np.arange(len(rates)), "gyro_deg_s": rates, "table_rate_deg_s": rates}), name="rates"
+    )
+    law = TabulatedLaw(driver="table_rate_deg_s", memory="none", knots=(-60.0, 0.0, 60.0), weights=(-3.0, 0.0, 5.0), step_s=100.0)
+    of_each = law.basis(run)[:, 0]
+    for rate, value in ((-60.0, -3.0), (60.0, 5.0)):
+        assert of_each[rates == rate] == pytest.approx(value)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [

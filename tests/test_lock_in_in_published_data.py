@@ -35,6 +35,7 @@ def test_lock_in_is_found_with_an_honest_error_and_the_hump_is_left() -> None:
     assert sd > 0.0002
     assert found.test is not None
     assert found.test.improvement > 0.5
+    assert found.augmented_file.error < 0.2  # in units of the noise of a window: the file holds what was fitted
     left, error = study.fit_each().left
     hump = (study.table_3().rate_deg_s >= 3.0) & (study.table_3().rate_deg_s <= 12.0)
     assert (left[hump] > 4.0 * error[hump]).all()

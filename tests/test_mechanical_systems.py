@@ -78,6 +78,26 @@ def test_a_reading_of_the_output_is_known_by_its_factor(
     assert told == expected
 
 
+@pytest.mark.parametrize("width_m_s", [0.0, 0.05])
+def test_a_friction_is_found_with_its_coefficients_and_written(width_m_s: float) -> None:
+    """At rest half of the time, and with 20 samples a window: the sign of a mean is not the mean of the signs."""
+    rng, runs = np.random.default_rng(2), []
+    for k in range(2):
+        time_s = 1e-3 * np.arange(8000)
+        velocity = np.sin(2.0 * np.pi * time_s / (0.9 + 0.1 * k)) + 0.3 * np.sin(2.0 * np.pi * time_s / 0.37)
+        sign = np.tanh(velocity / width_m_s) if width_m_s else np.sign(velocity)
+        force = 3.0 * sign + 1.5 * velocity + 0.5 * rng.standard_normal(len(time_s))
+        runs.append(recording(pd.DataFrame({"time_s": time_s, "force_N": force, "velocity_m_s": velocity}), f"run{k}"))
+    found = diagnose(lambda run: np.zeros(len(run)), runs[:1], runs[1:], output="force_N", only=["ageing"], black_box=False)
+    (law,) = found.members
+    assert law.equation.startswith("b = c sign" if width_m_s == 0.0 else "b = c tanh")
+    for name, truth, unit in (("c", 3.0, "N"), ("k", 1.5, "N/(m/s)")):
+        assert abs(law.parameters[name].value - truth) < 3.0 * law.parameters[name].sd
+        assert law.parameters[name].unit == unit
+    assert found.augmented_file.left_out == ()
+    assert found.augmented_file.error < 0.5
+
+
 @pytest.mark.slow
 def test_a_positioning_system_lacks_coulomb_friction() -> None:
     """Beside a simulator of mass and viscous friction: a law with the sign of the velocity, its friction as published."""

@@ -241,7 +241,8 @@ def _of_law(fit: Fit, k: int, unit: str) -> dict[str, Estimate]:
         return {}
     rows = fit.data.of_windows
     columns = [fit.bank.columns(basis)[rows] for basis, _ in bases]
-    equation = np.column_stack([np.ones(len(rows)), *(table / lead.per_unit() for lead, table in zip(member.form.lead, columns, strict=False))])
+    leading = [table / lead.per_unit() for lead, table in zip(member.form.lead, columns, strict=False)]
+    equation = np.column_stack([np.ones(len(rows)), *leading])
     term = np.hstack([scale * table for (_, scale), table in zip(bases, columns, strict=True)])
     nearest = np.linalg.lstsq(equation, term, rcond=1e-12)[0][1:]
     covariance = nearest @ fit.solution.covariance[fit.inside(k), fit.inside(k)] @ nearest.T

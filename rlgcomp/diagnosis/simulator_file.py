@@ -19,6 +19,7 @@ from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, plane
+from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
 from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
@@ -37,6 +38,9 @@ _KNOTS: Final = 27
 _MOST_KNOTS: Final = 600
 _LONGER: Final = 3.0  # run lengths over which a law of time is tabulated
 _FAR: Final = 1.0  # range beyond a table's end over which its slope is taken
+_TAIL: Final = 4.0  # widths of a step beyond which it is level
+_STEP: Final = 1e-6  # of a column's largest size, over which its sign is a straight line
+_EACH_ROW_S: Final = 1e-9  # of a law that is evaluated at each row
 _SMALL: Final = 1e-9  # of the largest weight of a sum of relays
 
 
@@ -172,21 +176,21 @@ class _Written:
 
     def term(self, k: int) -> tuple[list[Mechanism], float, bool]:
         """Mechanisms that are one term together, a constant, and whether they are all of it."""
+        member, _ = self.fit.parts[k]
+        named, rest = self._leading(k)
+        pieces, whole = self._all(rest, member.form.region)
+        mechanism, constant = ([], 0.0) if named is None else ([named[0]], named[1])
+        return [*mechanism, *pieces], constant, whole
+
+    def _leading(self, k: int) -> tuple[tuple[Mechanism, float] | None, list[tuple[Basis, Array]]]:
+        """The mechanism that expresses the leading bases of a term, with a constant, and the other bases with their weights."""
         member, bases = self.fit.parts[k]
-        weights = self.fit.weights(k)
+        weights, lead = self.fit.weights(k), len(member.form.lead)
         name = member.form.region if member.form.region in self.catalogue else ""
-        lead = len(member.form.lead)
         edges = np.cumsum([0, *(self.fit.bank.columns(basis).shape[1] for basis, _ in bases)])
         parts = [(basis, scale * weights[a:b]) for (basis, scale), a, b in zip(bases, edges[:-1], edges[1:], strict=True)]
-        mechanisms: list[Mechanism] = []
-        constant = 0.0
-        named = self._named(k, parts[0], name) if lead == 1 and name else _orders([*parts[:lead]])
-        if named is not None:
-            mechanism, constant = named
-            mechanisms.append(mechanism)
-            parts = parts[lead:]
-        pieces, whole = self._all(parts, name or member.form.region)
-        return [*mechanisms, *pieces], constant, whole
+        named = self._named(k, parts[0], name) if lead == 1 and name else _orders(parts[:lead])
+        return named, parts if named is None else parts[lead:]
 
     def _named(self, k: int, part: tuple[Basis, Array], name: str) -> tuple[Mechanism, float] | None:
         """The mechanism whose parameters express the leading basis, where one does, and by what constant it is off."""
@@ -218,15 +222,12 @@ class _Written:
 
     def repeating(self, k: int) -> Array:
         """Window means of what of a term does not belong to single runs."""
-        _, bases = self.fit.parts[k]
-        weights = self.fit.weights(k)
-        total, at = np.zeros(len(self.fit.data)), 0
-        for basis, scale in bases:
-            columns = self.fit.bank.columns(basis)
-            if self._pieces(basis, np.zeros(columns.shape[1]), "")[1]:
-                total = total + columns @ (scale * weights[at : at + columns.shape[1]])
-            at += columns.shape[1]
-        return total
+        _, rest = self._leading(k)
+        total = self.fit.data.means(functools.partial(self.fit.term, k))
+        for basis, weights in rest:
+            if not self._pieces(basis, np.zeros(len(weights)), "")[1]:
+                total = total - self.fit.bank.columns(basis) @ weights
+        return np.asarray(total)
 
     def _all(self, parts: Iterable[tuple[Basis, Array]], cause: str) -> tuple[list[TabulatedLaw], bool]:
         """Parts as tabulated laws, those that are functions of one path in one table, and whether they are all."""
@@ -287,6 +288,12 @@ class _Written:
                 pieces, whole = self._pieces(basis.basis, weights, cause)
                 rate = basis.rate.driver
                 return [dataclasses.replace(one, factor=rate.columns[0], scale=one.scale / rate.half) for one in pieces], whole
+            case Sign():
+                (w,), half = weights.tolist(), basis.driver.half
+                scaled = np.linspace(-_TAIL, _TAIL, _KNOTS) if basis.width else np.array([-1.0, 1.0])
+                values, at = (np.tanh(scaled), scaled * basis.width * half) if basis.width else (scaled, scaled * _STEP * half)
+                made = functools.partial(TabulatedLaw, cause=cause, step_s=_EACH_ROW_S, memory="none", **_driver(basis.driver))
+                return [made(knots=tuple(at.tolist()), weights=tuple((w * values).tolist()))], True
             case Since() | SmoothSince():
                 return [self._table_of_time(basis, weights, law)], True
         return [], False

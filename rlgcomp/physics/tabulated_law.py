@@ -13,7 +13,7 @@ from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import play_paths
 from rlgcomp.numerics.readings import Readings
 from rlgcomp.numerics.relays import relay_states
-from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting
+from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
@@ -240,6 +240,8 @@ class _Bins:
         return cls(whole, means, np.asarray((np.arange(bins) + 0.5) * step_s), since_s, rows_s)
 
     def column(self, name: str) -> Array:
-        """A monitor on all bins, smoothed as far as its noise asks, straight lines over missing bins."""
-        smooth = Readings.of(self.rows.column(name), self.means.column(name)).values
-        return np.interp(self.elapsed_s, self.since_s, smooth)
+        """A monitor on all bins, smoothed as far as its noise asks, straight lines over missing bins; a table may jump."""
+        means = self.means.column(name)
+        if name not in TURNING:
+            means = Readings.of(self.rows.column(name), means).values
+        return np.interp(self.elapsed_s, self.since_s, means)
