@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import rlgcomp as rlg
 from rlgcomp.compensation.feature_pipeline import GROUPS, pipeline_for
 from rlgcomp.compensation.features import FEATURES, Difference, Lag, Level, Memory, Rate, ReadoutDifference
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 
 T = "temperature_block_degC"
 EVERY = rlg.FeatureRecipe(
@@ -22,6 +23,9 @@ EVERY = rlg.FeatureRecipe(
         Memory(T, (1.0, 5.0)),
         Difference(),
         ReadoutDifference(),
+        PhysicsTerm(
+            mechanism="mode_hop", parameter="step_deg_h", driver=T, memory="relays", knots=(30.0,), knots_2=(20.0,), weights=(1.0,)
+        ),
     )
 )
 

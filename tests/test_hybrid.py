@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -75,7 +76,12 @@ SIMULATORS = {
     "laws": rlg.Simulator(LAWS),
     "plays": rlg.Simulator((ThermalHysteresis(), dataclasses.replace(MECHANISMS[4], thermometers_late_s=0.0))),
     "plays of all radii": rlg.Simulator((ThermalHysteresis(law="plays"), WarmUp())),
+    "Bouc-Wen": rlg.Simulator((ThermalHysteresis(law="bouc_wen", start="from_above"),)),
+    "Coleman-Hodgdon": rlg.Simulator((ThermalHysteresis(law="coleman_hodgdon", start="from_below"),)),
 }
+
+
+LAWS_OF_HYSTERESIS = ("play", "plays", "preisach", "bouc_wen", "coleman_hodgdon")
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +136,10 @@ def test_terms_survive_their_plain_description(runs: list[rlg.Recording], name: 
     assert recipe.physics == tuple(range(len(recipe.names)))
 
 
-@pytest.mark.parametrize("mechanism", [*MECHANISMS, *LAWS, ThermalHysteresis(), ThermalHysteresis(law="plays"), WarmUp()], ids=str)
+HYSTERESES = [ThermalHysteresis(law=law, start=start) for law in LAWS_OF_HYSTERESIS for start in ("rested", "from_below")]
+
+
+@pytest.mark.parametrize("mechanism", [*MECHANISMS, *LAWS, *HYSTERESES, WarmUp()], ids=str)
 def test_the_causal_form_is_the_mechanism_but_for_what_looks_ahead(runs: list[rlg.Recording], mechanism: rlg.Mechanism) -> None:
     """Up to a constant, on means over the averaging time: what is left is of slopes and filters, which are half a minute late."""
     run = runs[0]
@@ -344,9 +353,42 @@ def test_train_with_a_simulator_file(runs: list[rlg.Recording], tmp_path: Path) 
     assert done.exit_code == 0, done.output
     assert "What each part does" in done.output
     assert rlg.load(tmp_path / "model").scaling_.linear
-    stream = CliRunner().invoke(app, ["evaluate", str(tmp_path / "model"), files[1], "--out", str(tmp_path / "report")])
-    assert stream.exit_code == 0, stream.output
+    report = CliRunner().invoke(app, ["evaluate", str(tmp_path / "model"), files[1], "--out", str(tmp_path / "report")])
+    assert report.exit_code == 0, report.output
     assert "What each part does" in (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_stream_carries_the_state_of_hysteresis_and_hops(
+    hybrid: rlg.Compensator, runs: list[rlg.Recording], tmp_path: Path
+) -> None:
+    hybrid.save(tmp_path / "model")
+    rlg.write(runs[2], tmp_path / "run.csv")
+    arguments = ["compensate", str(tmp_path / "model"), str(tmp_path / "run.csv"), "--out", str(tmp_path / "clean.csv")]
+    done = CliRunner().invoke(app, [*arguments, "--follow", "--idle-s", "0.1"])
+    assert done.exit_code == 0, done.output
+    streamed = pd.read_csv(tmp_path / "clean.csv")["compensation_deg_h"].to_numpy()
+    assert np.array_equal(streamed, hybrid.predict(rlg.read(tmp_path / "run.csv"))["bias_deg_h"].to_numpy())
+
+
+def test_auto_is_the_augmented_simulator_of_a_diagnosis(
+    runs: list[rlg.Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, object] = {}
+
+    def diagnosed(simulator: rlg.Simulator, train: list[rlg.Recording], **options: object) -> SimpleNamespace:
+        given.update(simulator=simulator, runs=len(train), **options)
+        return SimpleNamespace(augmented=SIMULATORS["plays"], sentence="Something was found.")
+
+    monkeypatch.setattr("rlgcomp.diagnosis.diagnose.diagnose", diagnosed)
+    rlg.write(runs[0], tmp_path / "run.parquet")
+    arguments = ["train", str(tmp_path / "run.parquet"), "--physics", "auto", "--features", "temperature"]
+    done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "model")])
+    assert done.exit_code == 0, done.output
+    assert [mechanism.name for mechanism in given["simulator"].mechanisms] == ["thermal_polynomial", "temperature_rate"]
+    assert all(given["simulator"].free.values())
+    assert given["runs"] == 1
+    mechanisms = {one.mechanism for one in rlg.load(tmp_path / "model").pipeline_.features if one.kind == "physics"}
+    assert mechanisms == {"thermal_hysteresis", "thermal_gradient"}
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from rlgcomp.numerics.filters import rate_window_s
+from rlgcomp.numerics.filters import rate_window_s, read_noise
 from rlgcomp.numerics.hysteresis import STARTS, Preisach
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
@@ -28,7 +28,7 @@ from rlgcomp.physics.tabulated_law import STARTS as LAW_STARTS
 from rlgcomp.physics.tabulated_law import TabulatedLaw
 from rlgcomp.physics.temperature_rate import TemperatureRate
 from rlgcomp.physics.thermal_gradient import ThermalGradient
-from rlgcomp.physics.thermal_hysteresis import CONCENTRATION, RADII, ThermalHysteresis
+from rlgcomp.physics.thermal_hysteresis import CONCENTRATION, NOISE, RADII, ThermalHysteresis
 from rlgcomp.physics.thermal_lag import ThermalLag
 from rlgcomp.physics.thermal_polynomial import ThermalPolynomial
 from rlgcomp.physics.warm_up import WarmUp
@@ -96,7 +96,7 @@ def _gradient(mechanism: ThermalGradient, columns: Columns, runs: Sequence[Recor
     return [difference, {**difference, "memory": "rate", "time_s": _rate(columns, runs)["time_s"]}]
 
 
-def _hysteresis(mechanism: ThermalHysteresis, columns: Columns, _runs: Sequence[Recording]) -> Form:
+def _hysteresis(mechanism: ThermalHysteresis, columns: Columns, runs: Sequence[Recording]) -> Form:
     common = {"driver": columns[0], "start": STARTS[mechanism.start]}
     if mechanism.law == "play":
         radii = [share * mechanism.radius_K for share in (0.25, 0.5, 1.0)]
@@ -110,7 +110,11 @@ def _hysteresis(mechanism: ThermalHysteresis, columns: Columns, _runs: Sequence[
         up, down, weights = relays.relays()  # of states +-1: twice those of 0 and 1, less a constant
         tables = {"knots": _numbers(up), "knots_2": _numbers(down), "weights": _numbers(2.0 * mechanism.radius_K * weights)}
         return [{**common, "memory": "relays", **tables}]
-    raise NoCausalFormError(f"its law {mechanism.law!r} is not exported")
+    noise = NOISE * max(read_noise(run.column(columns[0])) for run in runs)
+    if mechanism.law == "bouc_wen":
+        return [{**common, "memory": "bouc_wen", "knots": (noise, mechanism.radius_K)}]
+    curve = (mechanism.radius_K, mechanism.curve_centre_degC, mechanism.curve_K)
+    return [{**common, "memory": "coleman", "knots": (noise, *curve)}]
 
 
 def _hops(mechanism: ModeHop, columns: Columns, _runs: Sequence[Recording]) -> Form:

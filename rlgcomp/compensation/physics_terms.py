@@ -11,6 +11,9 @@ lag        m = u_tau
 lags       :math:`m = \sum_j w_j (u_{\tau_j} - u)`, time constants as knots
 plays      :math:`m = \sum_j w_j (P_{r_j}[u] - u)`, play operators with radii as knots
 relays     :math:`m = \sum_j w_j z_j`, relays on from `knots` upwards until `knots_2` downwards
+bouc_wen   m = z of Bouc and Wen's law with slope 1, knots (w, saturation), exact between samples, behind a play operator of
+           radius w, which holds the read noise back
+coleman    m = width z of Coleman and Hodgdon's law, knots (w, radius, centre, width), likewise
 time       m = time since the first sample in s
 =========  ============================================================================================================
 
@@ -31,15 +34,17 @@ import numpy.typing as npt
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import low_pass
-from rlgcomp.numerics.hysteresis import play_paths
+from rlgcomp.numerics.hysteresis import ColemanHodgdon, play_paths
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
 State = Any
 COMBINATIONS: Final = ("column", "difference", "contrast")
-MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "time")
+MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "bouc_wen", "coleman", "time")
 FUNCTIONS: Final = ("identity", "power", "magnitude", "table", "decay", "cosine", "sine", "product")
+BOUC_WEN_AGAINST: Final = 0.6  # 0.8 - 0.2: growth of z against the input, over its decay along it
 _TABLES: Final = {"lags": ("knots", "weights"), "plays": ("knots", "weights"), "relays": ("knots", "knots_2", "weights")}
+_SMOOTH: Final = {"bouc_wen": 2, "coleman": 4}  # numbers of knots
 _MOST: Final = 4096  # numbers of a table
 _LONGEST: Final = 200
 
@@ -128,6 +133,8 @@ class PhysicsTerm:
             memory = u - self.start * np.array(self.knots)
         elif self.memory == "relays":
             memory = (u >= np.array(self.levels)).astype(np.float64)
+        elif self.memory in ("bouc_wen", "coleman"):
+            memory = (u, self.first_z(u), u)
         elif self.memory == "time":
             memory = 0.0
         return memory, None
@@ -142,6 +149,13 @@ class PhysicsTerm:
             if self.start < 0.0
             else tuple(0.5 * (up + down) for up, down in zip(self.knots, self.knots_2, strict=True))
         )
+
+    def first_z(self, u: float) -> float:
+        """z of a smooth hysteresis at the first sample."""
+        if self.memory == "bouc_wen":
+            return self.start * self.knots[1]
+        _, radius, centre, width = self.knots
+        return float(ColemanHodgdon(radius, centre, width).init(u, self.start)[0])
 
     def run(self, state: State, samples: Array, step_s: Array) -> tuple[Array, State]:
         memory, filtered = state
@@ -181,10 +195,38 @@ class PhysicsTerm:
                 return sum(parts, np.zeros(len(u))), states[-1].copy() if len(u) else state
             case "relays":
                 return self._relays(state, u)
+            case "bouc_wen" | "coleman":
+                return self._smooth_hysteresis(state, u)
             case "time":
                 elapsed_s = np.cumsum(np.r_[state, step_s])[1:]
                 return elapsed_s, float(elapsed_s[-1]) if len(u) else state
         return u, state
+
+    def _smooth_hysteresis(self, state: State, u: Array) -> tuple[Array, State]:
+        held, z, before = state
+        width, step = self.knots[0], self._bouc_wen if self.memory == "bouc_wen" else self._coleman
+        output = np.empty(len(u))
+        for k, value in enumerate(u.tolist()):
+            held = value - width if held < value - width else value + width if held > value + width else held
+            z, before = step(z, before, held), held
+            output[k] = z
+        return (output if self.memory == "bouc_wen" else self.knots[3] * output), (held, z, before)
+
+    def _bouc_wen(self, z: float, before: float, u: float) -> float:
+        """dz/du = 1 - |z| / s (0.2 + 0.8 sgn(z du)), exact while z keeps its sign."""
+        saturation, along = self.knots[1], u > before
+        way, at = (u - before, z) if along else (before - u, -z)
+        if at > 0.0:
+            at = saturation + (at - saturation) * math.exp(-way / saturation)
+        else:
+            scale = saturation / BOUC_WEN_AGAINST
+            at = scale + (at - scale) * math.exp(way / -scale)
+        return at if along else -at
+
+    def _coleman(self, z: float, before: float, u: float) -> float:
+        _, radius, centre, width = self.knots
+        keep = math.exp(-abs(u - before) / radius)
+        return keep * z + (1.0 - keep) * math.tanh((0.5 * (u + before) - centre) / width)
 
     def _relays(self, state: Array, u: Array) -> tuple[Array, Array]:
         """Sums over relays: sample by sample where there are few of them, otherwise relay by relay, with the same bits."""
@@ -267,8 +309,11 @@ class PhysicsTerm:
         self._require(isinstance(self.order, int) and 1 <= self.order <= 9, "order")
         self._require(self.time_s > 0.0 if self.memory in ("rate", "lag") else self.time_s == 0.0, "time_s")
         self._require(self.derivative_s >= 0.0, "derivative_s")
+        if self.memory in _SMOOTH:
+            self._require(len(self.knots) == _SMOOTH[self.memory] and self.knots[0] >= 0.0, "knots")
+            self._require(self.knots[1] > 0.0 and self.knots[-1] > 0.0 and not (self.knots_2 or self.weights), "knots")
         used = _TABLES.get(self.memory, ())
-        for name in ("knots", "knots_2", "weights"):
+        for name in ("knots", "knots_2", "weights") if self.memory not in _SMOOTH else ():
             self._require(len(getattr(self, name)) == (len(self.weights) if name in used else 0), name)
         self._require(not used or bool(self.weights), "weights")
         self._require(self.memory not in ("lags", "plays") or min(self.knots, default=0.0) >= 0.0, "knots")

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.hysteresis import ColemanHodgdon
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 
@@ -151,6 +152,14 @@ class _Writer:
             self.operators += 2 * count
             at = self._remember(count, lambda j: f"{signal} - {self.number(term.start * term.knots[j])}")
             return f"plays({at}, u, {self._table('RADII', term.knots)}, {self._table('WEIGHTS', term.weights)}, {count})"
+        if term.memory in ("bouc_wen", "coleman"):
+            self.helpers |= {"left_behind", "decay", term.memory}
+            self.operators += 10
+            first = self._first_z(signal)
+            at = self._remember(3, lambda j: first if j == 1 else signal)
+            numbers = ", ".join(map(self.number, term.knots))
+            scale = f"{self.number(term.knots[3])} * " if term.memory == "coleman" else ""
+            return f"{scale}{term.memory}({at}, u, {numbers})"
         if term.memory == "relays":
             self.helpers.add("relays")
             self.relays, self.operators = count, 2 * count
@@ -160,6 +169,16 @@ class _Writer:
             self.begins.append(f"begin_relays({at}, {signal}, {levels}, {count});")
             return f"relays({at}, u, {tables}, {self._table('WEIGHTS', term.weights)}, {count})"
         return "u"
+
+    def _first_z(self, signal: str) -> str:
+        """z of a smooth hysteresis at the first sample."""
+        term = self.term
+        if term.memory == "bouc_wen":
+            return self.number(term.start * term.knots[1])
+        _, radius, centre, width = term.knots
+        offsets, weights = ColemanHodgdon(radius, centre, width).history(term.start)
+        tables = self._table("OFFSETS", tuple(offsets.tolist())), self._table("SHARES", tuple(weights.tolist()))
+        return f"first_coleman({signal}, {self.number(centre)}, {self.number(width)}, {', '.join(tables)}, {len(weights)})"
 
     def _function(self) -> str:
         term, number = self.term, self.number

@@ -165,6 +165,7 @@ def operations(design: Design) -> dict[str, int]:
         + code.filters
         + sum(isinstance(feature, ReadoutDifference) for feature in design.compensator.pipeline_.features),
         "exponentials": sum(len(term.table) for term in terms if term.function == "decay")
+        + sum({"bouc_wen": 1, "coleman": 2}.get(term.memory, 0) for term in terms)
         + padded * (e.form in ("gaussian", "matern", "sigmoid") or (e.form == "wide" and e.largest_argument > 1.0)),
         "square_roots": padded * (e.form == "matern"),
         "comparisons": 4 * d

@@ -253,9 +253,14 @@ class ColemanHodgdon:
 
     def init(self, u: float, swept: float = 0.0) -> Array:
         """State (z, u) at the first input; at rest, z is on the curve, after a long way its mean over that, by Gauss–Laguerre."""
-        ways, weights = _gauss_laguerre(_NODES)
-        curve = np.tanh((float(u) - swept * self.radius * ways - self.centre) / self.width)
+        offsets, weights = self.history(swept)
+        curve = np.tanh((float(u) - offsets - self.centre) / self.width)
         return np.array([float(weights @ curve), float(u)])
+
+    def history(self, swept: float) -> tuple[Array, Array]:
+        """By how much the input was less on its way, and the weights of these places in the mean."""
+        ways, weights = _gauss_laguerre(_NODES)
+        return swept * self.radius * ways, weights
 
     def step(self, state: Array, u: float) -> Array:
         """State after the input has moved to u."""

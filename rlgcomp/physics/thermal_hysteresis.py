@@ -14,7 +14,7 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, 
 from rlgcomp.recording import Recording
 
 RADII: Final = 12  # of the law "plays"
-_NOISE: Final = 4.0  # standard deviations of read noise, which hardly a reading exceeds
+NOISE: Final = 4.0  # standard deviations of read noise, which hardly a reading exceeds
 CONCENTRATION: Final = 4.0  # of relays about narrow loops
 _EQUATIONS: Final = {
     "play": "b = sum_j kj_deg_h_K (play(T; radius_K * (1/4, 1/2, 1)_j) - T)",
@@ -120,6 +120,6 @@ def _range(recordings: Sequence[Recording]) -> tuple[float, float]:
 
 def _stilled(temperature: Array) -> Array:
     """The temperature without its read noise, by a play operator wider than the noise, which would else erase the memory."""
-    width = _NOISE * read_noise(temperature)
+    width = NOISE * read_noise(temperature)
     play = Play((width,))
     return play.run(play.init(temperature[0]), temperature)[0][:, 0] if width > 0.0 else temperature

@@ -421,6 +421,61 @@ static real decay(real t)
     return t > {{ 700.0|number }} ? 0 : exponential(-t);
 }
 {% endif %}
+{% if "bouc_wen" in helpers %}
+
+/* Bouc and Wen's z, exact while it keeps its sign; states: a play operator against noise, z, and the play's last output. */
+static real bouc_wen(real *states, real value, real width, real saturation)
+{
+    const real before = states[2];
+    const real scale = saturation / {{ 0.6|number }};
+    real u, way, at;
+
+    left_behind(&states[0], value, width);
+    u = states[0];
+    way = u > before ? u - before : before - u;
+    at = u > before ? states[1] : -states[1];
+    at = at > 0 ? saturation + (at - saturation) * decay(way / saturation) : scale + (at - scale) * decay(way / scale);
+    states[1] = u > before ? at : -at;
+    states[2] = u;
+    return states[1];
+}
+{% endif %}
+{% if "coleman" in helpers %}
+
+static real bent(real t)
+{
+    const real shrunk = decay(t < 0 ? -t - t : t + t);
+    const real size = (1 - shrunk) / (1 + shrunk);
+
+    return t < 0 ? -size : size;
+}
+
+/* Coleman and Hodgdon's z at the first value: the mean of its curve over the way by which it came. */
+static real first_coleman(real value, real centre, real width, const real *offsets, const real *shares, int count)
+{
+    real total = 0;
+    int j;
+
+    for (j = 0; j < count; ++j) {
+        total += shares[j] * bent((value - offsets[j] - centre) / width);
+    }
+    return total;
+}
+
+/* Coleman and Hodgdon's z; states as of Bouc and Wen's. */
+static real coleman(real *states, real value, real width, real radius, real centre, real curve)
+{
+    const real before = states[2];
+    real u, keep;
+
+    left_behind(&states[0], value, width);
+    u = states[0];
+    keep = decay((u > before ? u - before : before - u) / radius);
+    states[1] = keep * states[1] + (1 - keep) * bent(({{ 0.5|number }} * (u + before) - centre) / curve);
+    states[2] = u;
+    return states[1];
+}
+{% endif %}
 
 void {{ p }}_init({{ p }}_state *state)
 {
