@@ -162,8 +162,8 @@ def show(pieces: Sequence[tuple[str, int, str]], rows: Sequence[dict[str, Any]],
     print(f"**Goals missed:** {told or 'none'}.\n")
     print(
         "Residual of held-out means over the noise floor, median (largest) over units. Simulated units: two training runs, and a "
-        "simulator that lacks the hysteresis and whose other numbers are free. Units of the benchmark of concealed causes: its seeds "
-        "for tuning, its simulators and runs.\n"
+        "simulator that lacks the hysteresis and whose other numbers are free. Units of the benchmark of concealed causes: "
+        "its seeds for tuning, its simulators and runs.\n"
     )
     print("| units | number | goal | hybrid | LS-SVM alone | augmented simulator alone |\n|---|---|---|---|---|---|")
     for kind, of in by_kind.items():
