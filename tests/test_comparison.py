@@ -166,6 +166,12 @@ def test_a_fault_of_one_run_is_noticed_in_that_run(healthy: list[rlg.Recording],
     assert set(found) == {"faulty"}
 
 
+def test_thermometers_that_rest_are_compared(healthy: list[rlg.Recording]) -> None:
+    """Also where their only value is next to zero, by which nothing can be divided."""
+    for value in (20.0, 0.0, 1e-320):
+        compare([changed(run, lambda table, value=value: table.assign(temperature_shell_degC=value), run.name) for run in healthy])
+
+
 @pytest.mark.parametrize("late", [80, -80])
 @pytest.mark.parametrize("which", [1, 2])
 def test_monitors_that_are_late_in_one_run_are_noticed(which: int, late: int) -> None:

@@ -224,7 +224,7 @@ def _changing(runs: Sequence[Recording], column: str, known: Sequence[int]) -> M
         halves = [_Channel.of(part) for part in np.array_split(values, 2)]
         if all(half is not None and half.noise > 0.0 for half in halves):
             first, second = (half.noise for half in halves if half is not None)
-            ratios[k] = second / first
+            ratios[k] = float(np.clip(second / first, 1e-9, 1e9))
     if len(ratios) < 2:
         return None
     odd, difference = _odd_one(ratios)
@@ -266,7 +266,8 @@ def _other_courses(runs: Sequence[Recording], names: Sequence[str]) -> list[Mess
             weights = np.linalg.lstsq(X_others, y_others, rcond=None)[0]
             usual_K = float(np.std(y_others - X_others @ weights))
             departure_K = float(np.std((y - X @ weights)[inside]))
-            share = departure_K / max(float(np.ptp(y_others)), float(np.ptp(y)))
+            range_K = max(float(np.ptp(y_others)), float(np.ptp(y)))
+            share = departure_K / range_K if range_K > 0.0 else 0.0
             if share > max(OTHER_COURSE, largest) and departure_K > OTHER_COURSE_RATIO * usual_K:
                 largest = share
                 found = message("recording.other_course", run=runs[k].name, column=column, other=reference, departure_K=departure_K)
