@@ -1,22 +1,31 @@
 """Pieces of work on processes of this machine or on the workers of a cluster, some of which may die.
 
-A piece computes with one thread on every worker, so that its result does not depend on the worker. On one machine joblib's
-processes do the work. With a scheduler's address, Dask's workers do; they must be able to import the work and see the same files
-under the same names. The piece of a worker that dies goes to another worker.
+A piece computes with one thread on every worker, so that its result does not depend on the worker. On one machine processes do the
+work that are forked from a server, which imports the modules of the work once for all; it has one thread and no data. With a
+scheduler's address, Dask's workers do; they must be able to import the work and see the same files under the same names. The piece
+of a worker that dies goes to another worker.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import multiprocessing
 import os
+import pickle
+import sys
+import types
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.context import BaseContext
 from typing import Any, Final, TypeVar
 
 import joblib
 from threadpoolctl import threadpool_limits
 
 from rlgcomp.errors import InputError
-from rlgcomp.numerics.worker_processes import end_with
+from rlgcomp.numerics.worker_processes import end_with_starter
 
 RETRIES: Final = 2  # times that a piece is tried again after its worker died
 DIED: Final = "its worker process died each time: killed, or out of memory; give it more"
@@ -25,7 +34,13 @@ R = TypeVar("R")
 
 
 def spread(
-    work: Callable[[T], R], pieces: Sequence[T], *, died: Callable[[T], R], n_jobs: int = 1, scheduler: str | None = None
+    work: Callable[[T], R],
+    pieces: Sequence[T],
+    *,
+    died: Callable[[T], R],
+    n_jobs: int = 1,
+    scheduler: str | None = None,
+    modules: Sequence[str] = (),
 ) -> Iterator[R]:
     """Results of the pieces as they come.
 
@@ -40,6 +55,8 @@ def spread(
         Worker processes on this machine; one is this process itself.
     scheduler : str, optional
         Address of a Dask scheduler, as tcp://host:8786.
+    modules : sequence of str
+        Names of modules that the work imports when it is called: processes of this machine import them once for all.
 
     Raises
     ------
@@ -51,7 +68,7 @@ def spread(
     elif n_jobs == 1:
         yield from (_by_itself(work, piece) for piece in pieces)
     else:
-        yield from _on_this_machine(work, pieces, died, n_jobs)
+        yield from _on_this_machine(work, pieces, died, n_jobs, modules)
 
 
 def _by_itself(work: Callable[[T], R], piece: T) -> R:
@@ -61,43 +78,93 @@ def _by_itself(work: Callable[[T], R], piece: T) -> R:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    before = os.environ.get("NUMBA_NUM_THREADS")
-    os.environ["NUMBA_NUM_THREADS"] = "1"
+    with _environment({"NUMBA_NUM_THREADS": "1"}), threadpool_limits(1):
+        yield
+
+
+@contextlib.contextmanager
+def _environment(variables: dict[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
-        with threadpool_limits(1):
-            yield
+        yield
     finally:
-        if before is None:
-            del os.environ["NUMBA_NUM_THREADS"]
-        else:
-            os.environ["NUMBA_NUM_THREADS"] = before
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
-def _on_this_machine(work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T], R], n_jobs: int) -> Iterator[R]:
+def _on_this_machine(
+    work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T], R], n_jobs: int, modules: Sequence[str]
+) -> Iterator[R]:
     """The pieces of processes that die are done again, the last time one by one."""
     unfinished = dict(enumerate(pieces))
     for _ in range(RETRIES):
-        with contextlib.suppress(joblib.externals.loky.process_executor.TerminatedWorkerError):
-            for k, result in _pool(work, unfinished, n_jobs):
+        with contextlib.suppress(BrokenProcessPool):
+            for k, result in _pool(work, unfinished, n_jobs, modules):
                 del unfinished[k]
                 yield result
         if not unfinished:
             return
     for k, piece in unfinished.items():
         try:
-            yield from (result for _, result in _pool(work, {k: piece}, n_jobs))
-        except joblib.externals.loky.process_executor.TerminatedWorkerError:
+            yield from (result for _, result in _pool(work, {k: piece}, 1, modules))
+        except BrokenProcessPool:
             yield died(piece)
 
 
-def _pool(work: Callable[[T], R], pieces: dict[int, T], n_jobs: int) -> Iterator[tuple[int, R]]:
-    numbered = [joblib.delayed(_numbered)(os.getpid(), k, work, piece) for k, piece in pieces.items()]
-    yield from joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered", batch_size=1)(numbered)
+def _pool(work: Callable[[T], R], pieces: dict[int, T], n_jobs: int, modules: Sequence[str]) -> Iterator[tuple[int, R]]:
+    executor = ProcessPoolExecutor(min(n_jobs, len(pieces)), _context(modules))
+    pickled_work = _pickled(work)
+    try:
+        with _environment({"OPENBLAS_NUM_THREADS": "1"}), _without_main_module():
+            futures = [executor.submit(_numbered, k, pickled_work, _pickled(piece)) for k, piece in pieces.items()]
+        for future in as_completed(futures):
+            yield pickle.loads(future.result())  # noqa: S301  of this program's own processes, as all that is unpickled here
+    except BaseException:
+        processes = list((executor._processes or {}).values())  # noqa: SLF001  shutdown alone would wait for their pieces
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+        raise
+    executor.shutdown()
 
 
-def _numbered(parent: int, k: int, work: Callable[[T], R], piece: T) -> tuple[int, R]:
-    end_with(parent)
-    return k, _by_itself(work, piece)
+def _context(modules: Sequence[str]) -> BaseContext:
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__, *modules])
+    return context
+
+
+@contextlib.contextmanager
+def _without_main_module() -> Iterator[None]:
+    """Processes that start meanwhile do not run the program's own file again, which may lack the guard of its main part."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def _numbered(k: int, work: bytes, piece: bytes) -> bytes:
+    end_with_starter()
+    result = k, _by_itself(_unpickled(work), pickle.loads(piece))  # noqa: S301
+    return _pickled(result)
+
+
+def _pickled(value: object) -> bytes:
+    """As bytes, also where it is of a function or a class of a script or a notebook."""
+    return pickle.dumps(joblib.wrap_non_picklable_objects(value, keep_wrapper=False))
+
+
+@functools.lru_cache(maxsize=1)
+def _unpickled(work: bytes) -> Any:
+    return pickle.loads(work)  # noqa: S301
 
 
 def _on_cluster(work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T], R], scheduler: str) -> Iterator[R]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import time
 from pathlib import Path
 
@@ -11,10 +12,13 @@ import pytest
 
 from experiments import speed
 from experiments.speed.__main__ import main
+from experiments.speed.against import compare
 from experiments.speed.lssvmlab import lssvmlab
 from experiments.speed.measure import Case, Peer, Row, Timed, measure
+from experiments.speed.reading import recording_table
 from experiments.speed.selection import thermal_rows
 from rlgcomp.errors import InputError
+from rlgcomp.recording.formats import read
 
 
 def slow() -> float:
@@ -110,6 +114,7 @@ def test_names_are_unique_and_chosen_by_their_beginning() -> None:
         "predict",
         "start-import",
         "allan-octave-1",
+        "read-csv",
         "read-parquet",
         "exact-torch",
     ],
@@ -119,6 +124,15 @@ def test_rows_agree_with_their_peers(name: str) -> None:
     found = measure(one, quick=True, repeats=1)
     assert found
     assert all(each.agrees for each in found if not each.note.startswith("peer not installed"))
+
+
+def test_the_run_that_readers_are_timed_on_needs_no_repair(tmp_path: Path) -> None:
+    """At a size where a rare repair would show: then readers that repair nothing would disagree."""
+    table = recording_table(1_000_000)
+    table.to_parquet(tmp_path / "run.parquet")
+    recording = read(tmp_path / "run.parquet")
+    assert not recording.findings
+    assert np.array_equal(recording.table.to_numpy(), table.to_numpy())
 
 
 @pytest.mark.parametrize("n", [200, 430, 4300])
@@ -181,3 +195,16 @@ def test_a_fleet_by_two_workers_is_that_of_one() -> None:
     (found,) = measure(row, quick=True, repeats=1)
     assert found.agrees
     assert found.size == "10 units"
+
+
+def test_another_revision_is_measured_in_turn_with_this_tree() -> None:
+    root = Path(speed.__file__).parents[2]
+    known = subprocess.run(["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, check=False)
+    if known.returncode:
+        pytest.skip("the tree is no clone of the repository")
+    (found,) = compare("HEAD", ["predict"], pairs=2, quick=True)
+    assert (found["row"], found["pairs"]) == ("predict", 2)
+    for key in ("wall", "cpu"):
+        assert 0.0 < found[key]["least"] <= found[key]["median"] <= found[key]["greatest"]
+    with pytest.raises(InputError, match="--against no-such-revision"):
+        list(compare("no-such-revision", ["predict"], pairs=1, quick=True))

@@ -9,7 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from experiments.speed import chosen, growth, measure
+from experiments.speed.against import compare
 from experiments.speed.machine import machine
+from experiments.speed.measure import Row
 from rlgcomp.cli.base import AsJson, progress
 from rlgcomp.cli.ending import BAD_INPUT, notify
 from rlgcomp.cli.show import show_json, show_table
@@ -30,6 +32,10 @@ def speed(
     grows: Annotated[
         bool, typer.Option("--growth", help="Exponent of our processor time between small and full data, instead of peers.")
     ] = False,
+    against: Annotated[
+        str | None,
+        typer.Option("--against", metavar="REV", help="This tree and the package of another revision in turn, instead of peers."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write besides the table.")
     ] = None,
@@ -41,18 +47,17 @@ def speed(
     peers; the note of a row names a peer that is not installed.
 
     Example: `python -m experiments.speed --only allan --only bouc --out bench.json`
+
+    Example: `python -m experiments.speed --only calibrate --against HEAD~20 --repeats 7`
     """
     if out is not None:
         require_writable(out)
     rows = chosen(only)
     if grows:
-        exponents = [one for one in (growth(row, repeats) for row in rows) if one is not None]
-        if out is not None:
-            write_json(out, {"machine": machine(), "growth": exponents})
-        if as_json:
-            show_json(exponents)
-        else:
-            show_table("Processor time as a power of n", [_grown(one) for one in exponents])
+        _show_growth(rows, repeats, out, as_json)
+        return
+    if against is not None:
+        _compare(against, [row.name for row in rows], repeats, quick, out, as_json)
         return
     measured = []
     with progress("measuring", len(rows)) as advance:
@@ -69,9 +74,41 @@ def speed(
     notify(", ".join(f"{key} {value}" for key, value in result["machine"].items()))  # type: ignore[attr-defined]
 
 
+def _show_growth(rows: Sequence[Row], repeats: int, out: Path | None, as_json: bool) -> None:
+    exponents = [one for one in (growth(row, repeats) for row in rows) if one is not None]
+    if out is not None:
+        write_json(out, {"machine": machine(), "growth": exponents})
+    if as_json:
+        show_json(exponents)
+    else:
+        show_table("Processor time as a power of n", [_grown(one) for one in exponents])
+
+
+def _compare(revision: str, names: list[str], pairs: int, quick: bool, out: Path | None, as_json: bool) -> None:
+    compared = []
+    with progress("measuring", len(names)) as advance:
+        for done, one in enumerate(compare(revision, names, pairs=pairs, quick=quick), start=1):
+            compared.append(one)
+            advance(done, len(names))
+    if out is not None:
+        write_json(out, {"machine": machine(), "against": revision, "rows": compared})
+    if as_json:
+        show_json(compared)
+    else:
+        show_table(f"Time at {revision} over that of this tree: median (least to greatest)", [_pairs(one) for one in compared])
+
+
 def _grown(one: dict[str, Any]) -> dict[str, Any]:
     (small, full), (few, many) = one["n"], one["cpu_s"]
     return {"row": one["row"], "n": f"{small} to {full}", "cpu s": f"{few:.3g} to {many:.3g}", "exponent": f"{one['exponent']:.2f}"}
+
+
+def _pairs(one: dict[str, Any]) -> dict[str, Any]:
+    texts = {
+        label: f"{one[key]['median']:.3g} ({one[key]['least']:.3g} to {one[key]['greatest']:.3g})"
+        for label, key in (("wall clock", "wall"), ("processor time", "cpu"))
+    }
+    return {"row": one["row"], "pairs": one["pairs"], **texts}
 
 
 def _row(one: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Whole commands, each in processes of its own, start included: a fleet by one worker and by two, a diagnosis and its report."""
+"""Whole commands, each in processes of its own, start included: fleets, the demo, a calibration, a turning run, a diagnosis."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+from experiments.liu_2019.rotation_table import RotatingGyro, liu_harmonics, simulate_rotation
 from experiments.speed.measure import Case, Peer, Row, Timed
 from experiments.speed.whole import simulated_case, size_text
+from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording
 from rlgcomp.recording.formats import write
 from rlgcomp.simulation.random_units import simulated_unit
 from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.simulation.triad_errors import TriadErrors
+from rlgcomp.simulation.two_axis_table import PROGRAMMES, drawn_triads
 
 GYROS: Final = 20  # whose files a fleet's units have in turn
 _CUBIC: Final = ("--model", "cubic", "--features", "temperature")
@@ -85,6 +89,33 @@ def _digest(out: Path) -> str:
     return digest.hexdigest()
 
 
+# --- a demo, a calibration, a turning run -------------------------------------------------------------------------------------
+
+
+def _demo(quick: bool) -> Case:
+    places = (_folder() / "demo" for _ in itertools.count())
+    return Case(lambda: timed_command("demo", *(["--quick"] if quick else []), "--out", next(places)), size="three runs")
+
+
+def _calibration(quick: bool) -> Case:
+    folder, files = _folder(), []
+    triad = next(drawn_triads(1, TriadErrors(), seed=5))
+    for k, name in enumerate(("step-1", "step-2", "step-3")):
+        files.append(folder / f"{name}.parquet")
+        write(triad.simulate(PROGRAMMES[name], seed=k, step_s=0.02 if quick else 0.005, name=name), files[-1])
+    ends = (("--out", folder / f"{k}.json", "--report", folder / f"report-{k}") for k in itertools.count())
+    return Case(lambda: timed_command("calibrate", *files, *next(ends)), size="three steps of 20 min")
+
+
+def _turning(quick: bool) -> Case:
+    folder = _folder()
+    noise = NoiseModel(angle_random_walk_deg_sqrt_h=4e-4)
+    gyros = {axis: RotatingGyro(noise, liu_harmonics(k)) for k, axis in enumerate("xyz")}
+    write(simulate_rotation(gyros, ((60.0, 600.0 if quick else 7200.0),), seed=1), folder / "turning.parquet")
+    places = (folder / f"arw-{k}" for k in itertools.count())
+    return Case(lambda: timed_command("arw", folder / "turning.parquet", "--out", next(places)), size="three gyros at 200 Hz")
+
+
 # --- a diagnosis ---------------------------------------------------------------------------------------------------------------
 
 
@@ -110,5 +141,9 @@ def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
 ROWS: Final = (
     Row("fleet-10", "rlgcomp fleet train by two workers", _fleet(10), threads=2),
     Row("fleet-100", "rlgcomp fleet train by two workers", _fleet(100), threads=2),
+    Row("fleet-1000", "rlgcomp fleet train by two workers", _fleet(1000), threads=2),
+    Row("demo", "rlgcomp demo", _demo),
+    Row("calibrate", "rlgcomp calibrate, report included", _calibration),
+    Row("arw", "rlgcomp arw, pictures included", _turning),
     Row("diagnose-command", "rlgcomp diagnose, report included", _diagnose, threads=2, goal_s=10.0, grown=_diagnose_longer),
 )

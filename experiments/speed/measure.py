@@ -147,7 +147,7 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
     """Measure a row against each of its peers."""
     case = row.prepare(quick)
     with threadpool_limits(1, user_api="blas"):
-        result, _ = _once(case.ours)  # compiles and warms what is compiled and warmed once
+        result, _ = once(case.ours)  # compiles and warms what is compiled and warmed once
         if not case.peers:
             ours = _times(case.ours, repeats)
             return [_judged(row, _alone(row, case, ours), quick, None)]
@@ -171,7 +171,7 @@ def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
 
 def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats: int) -> Measured:
     try:
-        theirs, lasted = _once(peer.run)
+        theirs, lasted = once(peer.run)
     except ImportError as error:
         return dataclasses.replace(
             _alone(row, case, _times(case.ours, repeats)), peer=peer.name, note=f"peer not installed: {error.name or error}"
@@ -179,9 +179,9 @@ def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats
     disagreement = float(peer.disagreement(result, theirs))
     del theirs
     if 2.0 * lasted[0] > PATIENCE_S:
-        pairs = [(_once(case.ours)[1], lasted)]
+        pairs = [(once(case.ours)[1], lasted)]
     else:
-        pairs = [(_once(case.ours)[1], _once(peer.run)[1]) for _ in range(_fitting(lasted[0], repeats))]
+        pairs = [(once(case.ours)[1], once(peer.run)[1]) for _ in range(_fitting(lasted[0], repeats))]
     ours = np.array([one for one, _ in pairs])
     other = np.array([two for _, two in pairs]) / peer.scale
     ratio, ratio_cpu = np.median(other / np.maximum(ours, 1e-9), axis=0)
@@ -223,8 +223,8 @@ def _judged(row: Row, measured: Measured, quick: bool, goal: float | None) -> Me
     return dataclasses.replace(measured, goal=", ".join(goals), reached=all(reached) if goals and not quick else None)
 
 
-def _once(work: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
-    """Result of the work, and its wall-clock and processor time."""
+def once(work: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
+    """Result of the work, and its wall-clock and processor time in s."""
     gc.collect()
     cpu, wall = time.process_time(), time.perf_counter()
     found = work()
@@ -238,8 +238,8 @@ def _fitting(seconds: float, repeats: int) -> int:
 
 
 def _times(work: Callable[[], Any], repeats: int) -> Any:
-    first = _once(work)[1]
-    return np.array([first, *(_once(work)[1] for _ in range(_fitting(first[0], repeats) - 1))])
+    first = once(work)[1]
+    return np.array([first, *(once(work)[1] for _ in range(_fitting(first[0], repeats) - 1))])
 
 
 def _peak(work: Callable[[], Any]) -> float:
