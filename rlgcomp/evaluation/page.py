@@ -163,7 +163,7 @@ def _trained_on(runs: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
             "run": [run["run"] for run in runs],
             "unit": [run["unit"] or "" for run in runs],
             "hours": [f"{run['hours']:.2f}" for run in runs],
-            "programme": [(run["notes"] or {}).get("programme") or "" for run in runs],
+            "programme": [(run.get("notes") or {}).get("programme") or "" for run in runs],
         }
     )
 
