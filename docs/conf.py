@@ -12,7 +12,7 @@ import rlgcomp  # noqa: E402
 
 project = "rlgcomp"
 author = "The authors of rlgcomp"
-copyright = "Apache-2.0"  # noqa: A001
+copyright = "the authors of rlgcomp, Apache-2.0"  # noqa: A001
 release = rlgcomp.__version__
 extensions = [
     "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx.ext.mathjax", "sphinx_copybutton",
