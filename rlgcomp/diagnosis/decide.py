@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, Literal
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.search import State
 from rlgcomp.diagnosis.terms import MemoryClass, Region
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
@@ -60,7 +62,7 @@ class Decision:
     memory : {"static", "dynamic", "rate-independent", "none"}
         Of the first of them.
     wander : bool
-        Something unrecorded wanders.
+        Something unrecorded wanders, by more than the discrepancy of the largest member.
     louder : bool
         The runs are noisier than stated.
     """
@@ -86,16 +88,17 @@ def decided(posterior: Posterior) -> Decision:
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
-        if _owned(region, [posterior.regions[other] for other in regions]):
+        if _owned(region, [posterior.regions[other] for other in regions]) or _discrepancy(region, best, posterior.regions):
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
         named.append(Named(key, region.mechanism, min(probability, 1.0), alike))
     if latent == "telegraph":
         named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
-    if laws or latent == "wander":
+    wanders = latent == "wander" and best.noise.wander > priors.DISCREPANCY * max((m.size for m in best.members), default=0.0)
+    if laws or wanders:
         drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
-        return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", latent == "wander")
+        return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders)
     return Decision("ambiguous" if any(one.indistinguishable_from for one in named) else "explained", tuple(named))
 
 
@@ -103,3 +106,10 @@ def _owned(law: Region, regions: Sequence[Region]) -> bool:
     """Whether a law lies within the region of a named mechanism of the set, columns and memory: a richer form of that."""
     owners = (set(region.drivers) for region in regions if region.mechanism is not None and region.memory == law.memory)
     return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)
+
+
+def _discrepancy(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
+    """Whether a member is no larger than the discrepancy of a named one of the same columns and memory."""
+    sizes = {member.form.region: member.size for member in state.members}
+    larger = (regions[key] for key, size in sizes.items() if priors.DISCREPANCY * size >= sizes[region.key])
+    return any(set(region.drivers) <= set(one.drivers) and region.memory == one.memory for one in larger if one.mechanism)

@@ -37,7 +37,7 @@ _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline h
 _KEPT: Final = 150  # projected bases of one noise
 _NOISES: Final = 40  # whose factors are kept
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
-_UNSEEN: Final = 1e-11  # of its variance, in a direction that no size brings above the noise
+_UNSEEN: Final = 1e-9  # of its variance, in a direction that no size brings above the noise
 LOG_SIZE: Final = -math.log(len(priors.SIZES))
 
 
@@ -295,11 +295,13 @@ class Conditional:
 
     def gain(self, form: Form) -> Array:
         """Log evidence with a further form of each size, shape (sizes,)."""
-        block = self.evidence.block(Member(form, 1.0))
-        cross = self._half @ (self.table.T @ block)
-        gram = block.T @ block - cross.T @ cross
-        vector = block.T @ self.evidence.output - cross.T @ self.weights_half
+        gram, vector = self.products(self.evidence.block(Member(form, 1.0)))
         return self.of_sizes(gram[None], vector[None])[0]
+
+    def products(self, columns: Array) -> tuple[Array, Array]:
+        """Of projected columns with one another and with the data, beside the set; shapes (m, m) and (m,)."""
+        cross = self._half @ (self.table.T @ columns)
+        return columns.T @ columns - cross.T @ cross, columns.T @ self.evidence.output - cross.T @ self.weights_half
 
     def of_sizes(self, gram: Array, vector: Array) -> Array:
         """Log evidence with further forms of each size, shape (forms, sizes).

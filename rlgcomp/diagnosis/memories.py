@@ -18,11 +18,14 @@ from rlgcomp.numerics.hysteresis import play_paths
 from rlgcomp.numerics.relays import relay_states
 
 Array = npt.NDArray[np.float64]
-Start = Literal["rested", "below", "above"]
-STARTS: Final[dict[Start, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0}
+Start = Literal["rested", "below", "above", "unknown"]
+STARTS: Final[dict[Start, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0, "unknown": 0.0}
+SIDES: Final[tuple[Start, ...]] = ("rested", "below", "above")
 _OTHER_HISTORY: Final = 0.25  # of a polishing step, from which on other histories are tried
 PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
+_PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
+_SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
 _SPREAD: Final = 10  # radii of a mean over plays
 
 
@@ -214,13 +217,14 @@ class Preisach(Basis):
     free: bool
     width: float = 0.5
     levels: int = priors.PREISACH_LEVELS
+    start: Start = "rested"
 
     def columns(self, run: Run) -> Array:
-        up, down = plane(self.levels)
-        key = ("plane", self.driver, self.levels)
+        up, down = dense(self.levels)
+        key = ("plane", self.driver, self.levels, self.start)
         if key not in run.cache:
-            run.cache[key] = relays(self.driver.values(run), up, down, "rested") - 0.5
-        return np.asarray(run.cache[key] @ self.densities())
+            run.cache[key] = (relays(self.driver.values(run), up, down, self.start) - 0.5).astype(np.float32)
+        return np.asarray(run.cache[key] @ self.densities().astype(np.float32), dtype=np.float64)
 
     def densities(self) -> Array:
         """Weights of the relays, shape (relays, k)."""
@@ -229,44 +233,79 @@ class Preisach(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Undecided(Basis):
-    """What is left of the history before a run: relays that the run has not switched yet, coming from above less from below."""
+    """What is left of the history before a run: relays that the run has not switched yet, coming from above less from below.
+
+    Parameters
+    ----------
+    driver : Driver
+    radius : float
+    levels : int
+    count : int
+        Of their densities: one, exponential in the width of a loop, or so many smooth ones that have most of the variance.
+    """
 
     driver: Driver
     radius: float
     levels: int
+    count: int = 1
 
     def columns(self, run: Run) -> Array:
-        up, down = plane(self.levels)
-        values = self.driver.values(run)
-        left = relays(values, up, down, "above") - relays(values, up, down, "below")
-        return (left @ np.exp(-(up - down) / self.radius))[:, None]
+        up, down = dense(self.levels)
+        key = ("undecided", self.driver, self.levels)
+        if key not in run.cache:
+            values = self.driver.values(run)
+            left = relays(values, up, down, "above") - relays(values, up, down, "below")
+            run.cache[key] = left.astype(np.float32)
+        return np.asarray(run.cache[key] @ _principal(self.radius, self.levels, self.count), dtype=np.float64)
+
+
+@functools.lru_cache(maxsize=8)
+def _principal(radius: float, levels: int, count: int) -> npt.NDArray[np.float32]:
+    """Densities of the largest variance, shape (relays, count)."""
+    if count == 1:
+        return _densities(radius, False, 0.0, levels).astype(np.float32)
+    vectors, sizes, _ = np.linalg.svd(_densities(radius, True, _SMOOTH_HISTORY, levels), full_matrices=False)
+    return np.asarray((vectors * sizes)[:, :count], dtype=np.float32)
 
 
 @functools.lru_cache(maxsize=64)
 def _densities(radius: float, free: bool, width: float, levels: int) -> Array:
-    up, down = plane(levels)
+    up, down = dense(levels)
     weights = np.exp(-(up - down) / radius)[:, None]
     if not free:
         return weights
     middles, widths = 0.5 * (up + down), up - down
-    one = kernel_root(kernel(np.linspace(-PLANE, PLANE, 12) / width))
-    other = kernel_root(kernel(np.linspace(0.0, 2.0 * PLANE, 12) / width))
-    of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 12), column) for column in one.T])
-    of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 12), column) for column in other.T])
+    one = kernel_root(kernel(np.linspace(-PLANE, PLANE, 24) / width))
+    other = kernel_root(kernel(np.linspace(0.0, 2.0 * PLANE, 24) / width))
+    of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 24), column) for column in one.T])
+    of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 24), column) for column in other.T])
     both = (of_middle[:, :, None] * of_width[:, None, :]).reshape(len(up), -1)
     sizes = np.sum(both**2, axis=0)
     return np.asarray(weights * both[:, sizes > _SMALL * sizes.max()])
 
 
 def plane(count: int, reach: float = PLANE) -> tuple[Array, Array]:
-    """Thresholds (up, down) of the relays of the Preisach plane of so many levels over so many ranges, up > down."""
+    """Thresholds (up, down) of relays of the Preisach plane at so many levels over so many ranges, up > down."""
     levels = np.linspace(-reach, reach, count)
     up, down = np.meshgrid(levels, levels, indexing="ij")
     above = up > down
     return up[above], down[above]
 
 
+@functools.lru_cache(maxsize=8)
+def dense(count: int) -> tuple[Array, Array]:
+    """The same for a density: each relay elsewhere in its cell, so that those of a level do not switch at once.
+
+    The places are a sequence of low discrepancy (the R2 sequence: powers of the inverse plastic number).
+    """
+    up, down = plane(count)
+    cell, k = 2.0 * PLANE / (count - 1), np.arange(len(up))
+    return up + cell * ((0.5 + k / _PLASTIC) % 1.0 - 0.5), down + cell * ((0.5 + k / _PLASTIC**2) % 1.0 - 0.5)
+
+
 def relays(values: Array, up: Array, down: Array, start: Start) -> Array:
-    """States of relays, 0 or 1, after a history before the run; shape (bins, relays)."""
+    """States of relays, 0 or 1, after a history before the run, 0.5 until it decides where that is unknown; shape (bins, relays)."""
+    if start == "unknown":
+        return relay_states(values, up, down, np.full(len(up), 0.5))
     level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
     return relay_states(values, up, down, (values[0] >= level).astype(np.float64))

@@ -33,8 +33,8 @@ CLOCK_ODDS: Final = 0.1
 """Odds that the clock of simulated runs is off where no monitor tells it: files begin at power-on or at a pulse."""
 CLOCK_OFFSET: Final = 0.1
 """Largest offset of such a clock over the length of the shortest run: a simulation that is off by more covers another run."""
-WANDER_ODDS: Final = 0.03
-"""Odds that something unrecorded wanders."""
+WANDER_ODDS: Final = 0.1
+"""Odds that something unrecorded wanders: of the dozen quantities that mechanisms follow, most laboratories record half."""
 
 # --- sizes ---------------------------------------------------------------------------------------------------------------------
 
@@ -70,7 +70,7 @@ range apart; one with a narrower one than the first is a mode hop. Between them 
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
 PREISACH_LEVELS: Final = 44
-"""Levels of the Preisach plane, so 946 relays: finer than a density of relays can be told from a smooth one below strength 30."""
+"""Levels of the Preisach plane, so 946 relays, each elsewhere in its cell: at strength 30 their steps are lost in the noise."""
 LAW_LEVELS: Final = 22
 """The same for loops of monitors."""
 RELAY_LEVELS: Final = 13
@@ -84,8 +84,9 @@ MOST_STEPS: Final = 12
 
 FLICKERS: Final = {0.0: 0.45, 0.15: 0.2, 0.35: 0.2, 0.8: 0.11, 2.0: 0.04}
 """Bias instability over the white noise of a window mean."""
-WALKS: Final = {0.0: 0.45, 0.3: 0.2, 1.0: 0.2, 3.0: 0.11, 10.0: 0.03, 30.0: 0.01}
-"""Random walk gathered in a run of usual length, over the white noise of a window mean."""
+WALKS: Final = {0.0: 0.5, 0.3: 0.26, 1.0: 0.19, 3.0: 0.035, 10.0: 0.01, 30.0: 0.005}
+"""Random walk gathered in a run of usual length, over the white noise of a window mean: data sheets of laser gyros give less than
+one, those of small gyros up to a few; a larger one mostly is the response to something that was not recorded."""
 WANDERS: Final = {1.5: 0.4, 4.0: 0.3, 10.0: 0.2, 25.0: 0.1}
 """Size of a wander of something unrecorded over the white noise of a window mean: a smaller one cannot be told from flicker."""
 WANDERS_BESIDE_STATED: Final = {0.6: 0.25, 1.5: 0.3, 4.0: 0.2, 10.0: 0.15, 25.0: 0.1}

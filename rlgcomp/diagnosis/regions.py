@@ -18,14 +18,15 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Magnitude, Own, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.memories import STARTS, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
+from rlgcomp.diagnosis.memories import SIDES, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
 from rlgcomp.diagnosis.symmetries import symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
-_DENSITIES: Final = ((0.15, 0.3), (0.15, 0.6), (0.4, 0.3), (0.4, 0.6), (1.5, 0.6))  # radius and smoothness
+_DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3))  # radius and smoothness
+_HISTORIES: Final = 4  # columns a run of what was before it, beside a smooth density
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
 
@@ -148,7 +149,7 @@ def _gradients(setting: Setting) -> list[Family]:
 def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[Family]:
     up, down = plane(priors.RELAY_LEVELS, 1.0)
     every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
-    kin = Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.5, 8)
+    kin = Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.25, 14)
     shapes: list[tuple[str, list[Basis]]] = [
         ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
         ("b = play(u; radius) - u", [Plays(driver, r, False) for r in priors.RADII]),
@@ -156,17 +157,22 @@ def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[F
         ("b = relays of smooth density", [Preisach(driver, r, True, w, levels) for r, w in _DENSITIES]),
         ("b = relays, each with a level of its own", [every]),
     ]
-    history = EachRun(Undecided(driver, 0.7, levels), runs)
+    one, smooth = EachRun(Undecided(driver, 0.7, levels), runs), EachRun(Undecided(driver, 1.5, levels, _HISTORIES), runs)
     families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
     before = [
-        Family(f"{equation}, each run after a history of its own", [(b, history) for b in bases], kin) for equation, bases in shapes
+        Family(
+            f"{equation}, each run after a history of its own",
+            [(dataclasses.replace(b, start="unknown"), smooth) if isinstance(b, Preisach) and b.free else (b, one) for b in bases],
+            kin,
+        )
+        for equation, bases in shapes
     ]
     return [*families, *before]
 
 
 def _hysteresis(setting: Setting) -> list[Family]:
     driver = setting.temperature
-    kin = Preisach(driver, 0.7, True, 1.0, priors.PREISACH_LEVELS), Smooth(setting.thermal, 0.5, 8)
+    kin = Preisach(driver, 0.7, True, 1.0, priors.PREISACH_LEVELS), Smooth(setting.thermal, 0.25, 14)
     single = [(relay,) for relay in _single_relays(setting)]
     families = _hysteresis_of(driver, setting.names, priors.PREISACH_LEVELS)
     return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
@@ -221,7 +227,7 @@ def _hops(setting: Setting) -> list[Family]:
     kin = (Smooth(setting.thermal, 0.5, 8),)
     families = []
     for band in priors.DEAD_BANDS:
-        for start in tuple(STARTS) if band else ("rested",):
+        for start in SIDES if band else ("rested",):
             single = [
                 (Relays(driver, (float(level),), (float(level - band),), start, widest=priors.WIDEST_DEAD_BAND),)
                 for level in levels

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Final, Literal
@@ -13,10 +14,11 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.errors import Errors, columns_of
-from rlgcomp.diagnosis.evidence import LOG_SIZE, Bank, Member, Set
+from rlgcomp.diagnosis.evidence import LOG_SIZE, Bank, Conditional, Member, Set
 from rlgcomp.diagnosis.lateness import LATE, Prediction, late_bases, late_form, white_noise
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.pairs import likeliest_pairs
 from rlgcomp.diagnosis.screen import Layout, gains
 from rlgcomp.diagnosis.selections import selections
 from rlgcomp.diagnosis.telegraph import Telegraph, telegraph
@@ -31,6 +33,9 @@ _FIRST: Final = 6  # and of one member: what shows only beside another is found 
 _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expanded
 _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _MOST: Final = 6  # members of a set
+_PAIRS: Final = 2  # of further regions beside one set
+_EXCHANGED: Final = 3  # members of a set of which two are exchanged together
+_LAWS_OF_PAIRS: Final = 8  # laws that are tried in pairs
 _ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late thermometers find each other
 _ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 _WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
@@ -96,6 +101,8 @@ class Search(Members):
                     key = child.key[0]
                     if key not in children or child.log_point > children[key].log_point:
                         children[key] = child
+            if size == 2:
+                children |= {pair.key[0]: pair for pair in self._pairs(null)}
             ordered = sorted(children.values(), key=lambda child: child.log_posterior, reverse=True)
             ordered = ordered[: _FIRST if size == 1 else _BEAM]
             beam = [self.refined(self._selected(child)) for child in ordered if size == 1 or child.log_posterior > best - _WITHIN]
@@ -105,6 +112,7 @@ class Search(Members):
             best = max(best, beam[0].log_posterior)
             beam = [state for state in beam if state.log_posterior > best - _WITHIN] or beam[:1]
         self._exchange()
+        self._exchange_pairs()
         ordered = sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
         for state in ordered[:_WITH_WANDER]:
             self._wandering(state)
@@ -123,6 +131,36 @@ class Search(Members):
             return state
         return dataclasses.replace(state, members=(*others, found[1]), log_point=state.log_point + found[0] - value)
 
+    def _pairs(self, state: State) -> list[State]:
+        """A state with the likeliest pairs of further regions that no step over one of them has led to; under little noise."""
+        noise = self._calmest(state.noise.errors)
+        given = self.evidence(noise).given(state.members)
+        taken = {member.form.region for member in state.members}
+        forms = self._candidates(given, noise, taken)
+        if len({form.region for form in forms}) < 2:
+            return []
+        offset = self.log_prior(state.members) + self.log_prior_of(noise)
+        top = max(other.log_posterior for other in self.visited.values())
+        visited = {key for key, _ in self.visited}
+        found: list[State] = []
+        for value, pair in likeliest_pairs(given, forms, [self.regions[form.region].log_odds for form in forms]):
+            if len(found) == _PAIRS or value + offset < top - _WITHIN_REACH:
+                break
+            if frozenset(taken | {member.form.region for member in pair}) not in visited:
+                found.append(self.refined(self.converged((*state.members, *pair), noise)))
+        return found
+
+    def _candidates(self, given: Conditional, noise: Noise, taken: set[str]) -> list[Form]:
+        """The likeliest form of each further region that is no law, or a law that came near."""
+        wanted = np.array([key not in taken and (key in self._near or not self.is_law(key)) for key in self.region_of])
+        table = np.max(self.screen(noise).gains(given, wanted), axis=1) + np.array([form.log_share for form in self.forms])
+        best: dict[str, int] = {}
+        for k in np.flatnonzero(wanted):
+            if table[k] > table[best.setdefault(self.region_of[k], int(k))]:
+                best[self.region_of[k]] = int(k)
+        laws = sorted((key for key in best if self.is_law(key)), key=lambda key: table[best[key]], reverse=True)
+        return [self.forms[k] for key, k in best.items() if key not in laws[_LAWS_OF_PAIRS:]]
+
     def _exchange(self) -> None:
         """From the likeliest set: each member dropped, and exchanged for another region."""
         for _ in range(3):
@@ -138,6 +176,15 @@ class Search(Members):
             if max(self.visited.values(), key=lambda state: state.log_posterior) is best:
                 return
 
+    def _exchange_pairs(self) -> None:
+        """From the likeliest set of three: each two members exchanged for two other regions; two of two are those beside the null."""
+        best = max(self.visited.values(), key=lambda state: state.log_posterior)
+        if len(best.members) > 2:
+            for two in itertools.combinations(best.members, 2):
+                self._pairs(self.converged(tuple(member for member in best.members if member not in two)))
+            if max(self.visited.values(), key=lambda state: state.log_posterior) is not best:
+                self._exchange()
+
     def _parted(self, law: Region, fewer: State, others: Sequence[State]) -> None:
         """A law of two columns in a set exchanged for a mechanism of each: no step over one of them alone leads there.
 
@@ -152,12 +199,15 @@ class Search(Members):
         if not self.is_law(law.key) or len(set(law.drivers)) != 2:
             return
         members = fewer.members
+        named = {self.regions[member.form.region].drivers for member in members if not self.is_law(member.form.region)}
         for column in law.drivers:
+            if (column,) in named:
+                continue
             alone = (child for child in others if self.regions[child.members[-1].form.region].drivers == (column,))
-            named = next((child for child in alone if not self.is_law(child.members[-1].form.region)), None)
-            if named is None:
+            child = next((child for child in alone if not self.is_law(child.members[-1].form.region)), None)
+            if child is None:
                 return
-            members = (*members, named.members[-1])
+            members = (*members, child.members[-1])
         if frozenset(member.form.region for member in members) not in {key for key, _ in self.visited}:
             self.refined(self.converged(members, fewer.noise))
 

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.bases import Basis, Glitch, Own, Product, Shift
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, plane
+from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
 from rlgcomp.diagnosis.turning import TimesRate
@@ -272,8 +272,8 @@ class _Written:
             case Relays():
                 return [_relays(law, basis.driver, np.array(basis.up), np.array(basis.down), weights, basis.start)], True
             case Preisach():
-                up, down = plane(basis.levels)
-                relays = _relays(law, basis.driver, up, down, basis.densities() @ weights)
+                up, down = dense(basis.levels)
+                relays = _relays(law, basis.driver, up, down, basis.densities() @ weights, basis.start)
                 return [relays, law(knots=(0.0,), weights=(-0.5 * float(np.sum(basis.densities() @ weights)),))], True
             case Product():
                 one, other = basis.one.driver, basis.other.driver

@@ -23,7 +23,7 @@ def relay_states(values: Array, up: Array, down: Array, first: Array) -> Array:
     up, down : ndarray, shape (relays,)
         Thresholds in the unit of the input.
     first : ndarray, shape (relays,)
-        States before the first value, 0 or 1; the first value itself may switch a relay.
+        States before the first value, 0 or 1, or 0.5 where nothing is known; the first value itself may switch a relay.
 
     Returns
     -------
@@ -45,10 +45,10 @@ def _fill(values: Array, up: Array, down: Array, first: Array, states: Array) ->
         states[0, j] = on
         for k in range(1, len(values)):
             change, level = 0.0, 0.0
-            if on < 0.5 and values[k] >= up[j]:
-                change, level = 1.0, up[j]
-            elif on > 0.5 and values[k] <= down[j]:
-                change, level = -1.0, down[j]
+            if on < 1.0 and values[k] >= up[j]:
+                change, level = 1.0 - on, up[j]
+            elif on > 0.0 and values[k] <= down[j]:
+                change, level = -on, down[j]
             on += change
             states[k, j] = on
             if change != 0.0 and values[k] != values[k - 1]:
