@@ -304,7 +304,7 @@ def dense(count: int) -> tuple[Array, Array]:
 
 
 def relays(values: Array, up: Array, down: Array, start: Start) -> Array:
-    """States of relays, 0 or 1, after a history before the run, 0.5 until it decides where that is unknown; shape (bins, relays)."""
+    """States of relays, 0 or 1, shape (bins, relays); 0.5 until the run decides where its history is unknown."""
     if start == "unknown":
         return relay_states(values, up, down, np.full(len(up), 0.5))
     level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]

@@ -177,9 +177,9 @@ class Search(Members):
                 return
 
     def _exchange_pairs(self) -> None:
-        """From the likeliest set of three: each two members exchanged for two other regions; two of two are those beside the null."""
+        """From the likeliest set of three: each two members exchanged for two other regions; those of two are beside the null."""
         best = max(self.visited.values(), key=lambda state: state.log_posterior)
-        if len(best.members) > 2:
+        if len(best.members) == _EXCHANGED:
             for two in itertools.combinations(best.members, 2):
                 self._pairs(self.converged(tuple(member for member in best.members if member not in two)))
             if max(self.visited.values(), key=lambda state: state.log_posterior) is not best:
