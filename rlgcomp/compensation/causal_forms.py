@@ -177,7 +177,10 @@ def _law(mechanism: TabulatedLaw, columns: Columns, runs: Sequence[Recording]) -
         return [signal | {"memory": "plays", "start": start, "knots": mechanism.knots, "weights": mechanism.weights}]
     if mechanism.memory == "relays":
         tables = {"knots": mechanism.knots, "knots_2": mechanism.knots_2, "weights": mechanism.weights}
-        return [signal | {"memory": "relays", "start": start, **tables}]
+        if mechanism.start != "unknown":
+            return [signal | {"memory": "relays", "start": start, **tables}]
+        tables["weights"] = tuple(0.5 * weight for weight in mechanism.weights)  # half on: half come from below, half from above
+        return [signal | {"memory": "relays", "start": LAW_STARTS[side], **tables} for side in ("below", "above")]
     slopes = {"below": mechanism.slope_below, "above": mechanism.slope_above}
     memory: dict[str, Any] = {"memory": mechanism.memory}
     if mechanism.memory == "rate":
