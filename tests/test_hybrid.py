@@ -50,7 +50,7 @@ LAWS = (
         cause="relays", driver=T, memory="relays", knots=(20.0, 45.0), knots_2=(5.0, 30.0), weights=(1e-3, -2e-3), start="above"
     ),
     TabulatedLaw(
-        cause="relays, unknown", driver=T, memory="relays", knots=(20.0, 45.0), knots_2=(5.0, 30.0), weights=(1e-3, -2e-3), start="unknown"
+        cause="unknown", driver=T, memory="relays", knots=(20.0, 45.0), knots_2=(5.0, 30.0), weights=(1e-3, -2e-3), start="unknown"
     ),
     TabulatedLaw(cause="product", driver=T, driver_2=SHELL, memory="product", knots=(10.0, 12.0), weights=(1e-6,)),
     TabulatedLaw(cause="time", memory="time", knots=(0.0, 600.0, 5000.0), weights=(1e-3, 5e-4, 0.0)),
