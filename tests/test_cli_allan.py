@@ -78,7 +78,13 @@ def test_folder(static: Path, tmp_path: Path, estimator: str) -> None:
     for _ in range(2):  # a second run replaces the first
         result = run(static, "--estimator", estimator, "--out", tmp_path / "noise")
         assert result.exit_code == 0, result.output
-    assert {item.name for item in (tmp_path / "noise").iterdir()} == {"allan.csv", "coefficients.json", "allan.png"}
+    assert {item.name for item in (tmp_path / "noise").iterdir()} == {
+        "allan.csv",
+        "coefficients.json",
+        "allan.png",
+        "report.html",
+        "figures",
+    }
     table = pd.read_csv(tmp_path / "noise" / "allan.csv")
     recording = rlg.read(static)
     expected = rlg.allan_deviation(recording.rate_deg_h("gyro_x_deg_h"), recording.time_s, estimator=estimator)

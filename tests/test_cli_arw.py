@@ -28,7 +28,7 @@ def test_command(tmp_path: Path) -> None:
     assert "The encoder lags by 0.52" in shown.output
     written = {path.name for path in (tmp_path / "out").iterdir()}
     stem = "run_gyro_z_deg_h_60_deg_s"
-    assert written == {"arw.json", "arw.csv"} | {
+    assert written == {"arw.json", "arw.csv", "report.html"} | {
         f"{stem}_{end}" for end in ("orders.csv", "allan.csv", "orders.svg", "output.svg", "allan.svg", "spectrum.svg")
     }
     table = pd.read_csv(tmp_path / "out" / "arw.csv")

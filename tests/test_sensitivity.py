@@ -196,7 +196,8 @@ class TestCommand:
         assert content["meaning"]["code"] == "challenge.detected_and_named"
         assert content["meaning"]["data"] == {"p_value": 0.01}
         assert content["detection"]["s90_rms_deg_h"] == pytest.approx(content["detection"]["s90"] * content["white_deg_h"])
-        assert sorted(path.name for path in (tmp_path / "s").iterdir()) == ["curves.png", "sensitivity.json", "shares.csv"]
+        names = sorted(path.name for path in (tmp_path / "s").iterdir())
+        assert names == ["curves.png", "figures", "report.html", "sensitivity.json", "shares.csv"]
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", *paths, "--mechanism", "supply_voltage", "--strengths", "a")
         assert refused.exit_code == 2
         assert "--strengths" in refused.stderr

@@ -24,7 +24,7 @@ from rlgcomp.cli.base import (
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table, show_text
 
-FILES: Final = ("allan.csv", "coefficients.json", "allan.png", "imu.yaml", "gyroparams.m")
+FILES: Final = ("allan.csv", "coefficients.json", "allan.png", "imu.yaml", "gyroparams.m", "report.html", "figures/*.svg")
 
 
 @command("allan")
@@ -86,12 +86,14 @@ def allan(
         require_folder(out, FILES, run)
     options = {"estimator": estimator, "confidence": confidence, "per_decade": per_decade}
     path, interval = interval_of(run)
+    tested = []
     if in_pieces or (interval is None and too_large(path)):
         analyses = _in_pieces(run, gyro, taus, options, mapping, drop or [], pulse_arcsec, period_s)
         name = path.stem
     else:
         (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
         name = recording.name
+        tested = [recording.metadata]
         columns = recording.gyro_columns if gyro is None else (recording.gyro_column(gyro),)
         analyses = []
         with progress("gyros", len(columns)) as advance:
@@ -106,7 +108,7 @@ def allan(
             span = f"{available[0]:g} to {available[-1]:g} s" if len(available) > 1 else f"{available[0]:g} s"
             notify(f"no deviation at {', '.join(f'{tau_s:g}' for tau_s in missing)} s: of --tau, the record allows {span}")
     if out is not None:
-        _write(out, analyses, name, to or [])
+        _write(out, analyses, name, to or [], path, tested)
     if as_json:
         show_json([analysis.to_mapping() for analysis in analyses])
         return
@@ -195,11 +197,12 @@ def _show(analysis: Any) -> None:
     show_text()
 
 
-def _write(out: Path, analyses: list[Any], title: str, tools: list[str]) -> None:
+def _write(out: Path, analyses: list[Any], title: str, tools: list[str], path: Path, tested: list[Any]) -> None:
     import pandas as pd
 
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.allan import allan_picture
+    from rlgcomp.recording.provenance import provenance
+    from rlgcomp.report.allan import allan_page, allan_picture
 
     texts = {}
     if tools:
@@ -213,6 +216,7 @@ def _write(out: Path, analyses: list[Any], title: str, tools: list[str]) -> None
         (folder / "allan.png").write_bytes(allan_picture(analyses, title))
         for name, text in texts.items():
             (folder / name).write_text(text, encoding="utf-8")
+        allan_page(analyses, title).write(folder / "report.html", provenance([path]), tested, folder / "figures")
 
 
 def _require_tools(tools: list[str], out: Path | None) -> None:

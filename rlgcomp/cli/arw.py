@@ -7,12 +7,24 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Map, PeriodS, PulseArcsec, Runs, command, progress, read_runs, require_folder
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Map,
+    PeriodS,
+    PulseArcsec,
+    Runs,
+    command,
+    interval_of,
+    progress,
+    read_runs,
+    require_folder,
+)
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 from rlgcomp.errors import InputError
 
-FILES: Final = ("arw.json", "arw.csv", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")
+FILES: Final = ("arw.json", "arw.csv", "report.html", "*_deg_s_orders.csv", "*_deg_s_allan.csv", "*_deg_s_*.svg")
 Gyros = Annotated[list[str] | None, typer.Option("--gyro", metavar="COLUMN", help="Gyro to use; all unless given. Repeatable.")]
 
 
@@ -44,15 +56,16 @@ def arw(
         raise InputError(f"--trend is {trend!r}; it must be time or temperature")
     if out is not None:
         require_folder(out, FILES, runs)
-    results = []
+    results, tested = [], []
     for spec in runs:  # one at a time: a run of five hours fills a gigabyte while it is read
         (recording,) = read_runs([spec], mapping, drop, pulse_arcsec, history=False, period_s=period_s)
         with progress(f"harmonics and noise of {recording.name}") as advance:
             results.append(angle_random_walk(recording, gyros=gyro, trend=trend, advance=advance))  # type: ignore[arg-type]
+        tested.append(recording.metadata)
         del recording
     result = RotationNoise.together(results)
     if out is not None:
-        _write(result, out)
+        _write(result, out, [interval_of(spec)[0] for spec in runs], tested)
     if as_json:
         show_json(result.to_mapping())
         return
@@ -109,19 +122,23 @@ def _pm(value: float, sd: float) -> str:
     return f"{1e5 * value:.2f} ± {1e5 * sd:.2f}"
 
 
-def _write(result: Any, out: Path) -> None:
+def _write(result: Any, out: Path, inputs: list[Path], tested: list[Any]) -> None:
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.arw import pictures
+    from rlgcomp.recording.provenance import provenance
+    from rlgcomp.report.arw import arw_page, pictures
 
     with whole_folder(out, writes=FILES) as folder:
         write_json(folder / "arw.json", result.to_mapping())
         result.to_frame().to_csv(folder / "arw.csv", index=False)
+        shown = []
         with progress("pictures", len(result.gyros)) as advance:
             for done, one in enumerate(result.gyros, start=1):
                 stem = f"{one.run}_{one.gyro}_{abs(one.rate_deg_s):.3g}_deg_s"
                 one.spectrum.to_frame().to_csv(folder / f"{stem}_orders.csv", index=False)
                 one.after.to_frame().to_csv(folder / f"{stem}_allan.csv", index=False)
-                for name, picture in pictures(one).items():
+                shown.append(pictures(one))
+                for name, picture in shown[-1].items():
                     (folder / f"{stem}_{name}.svg").write_text(picture.svg, encoding="utf-8")
                 advance(done, len(result.gyros))
-    notify(f"{out}: arw.json, arw.csv, and tables and pictures of {len(result.gyros)} gyros")
+        arw_page(result, shown).write(folder / "report.html", provenance(inputs), tested)
+    notify(f"{out}: report.html, arw.json, arw.csv, and tables and pictures of {len(result.gyros)} gyros")

@@ -4,11 +4,24 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rlgcomp.cli.base import AsJson, Drop, Gyro, Map, Overwrite, PeriodS, PulseArcsec, Runs, command, read_runs, require_unread
+from rlgcomp.cli.base import (
+    AsJson,
+    Drop,
+    Gyro,
+    Map,
+    Overwrite,
+    PeriodS,
+    PulseArcsec,
+    Runs,
+    command,
+    interval_of,
+    read_runs,
+    require_unread,
+)
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_remarks, show_table, show_text
 
@@ -63,14 +76,17 @@ def scale_factor(
     """
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
     from rlgcomp.files import is_result, require_replaceable, require_writable, write_result
+    from rlgcomp.report.page import is_page
 
     if out is not None:
         require_unread(out, runs)
         require_writable(out)
         require_replaceable(out, overwrite=overwrite, written=is_result)
+        require_replaceable(out.with_suffix(".html"), overwrite=overwrite, written=is_page)
     errors = _stated(stated or [])
+    recordings = read_runs(runs, mapping, drop, pulse_arcsec, history=False, period_s=period_s)
     calibration = calibrate_scale_factor(
-        read_runs(runs, mapping, drop, pulse_arcsec, history=False, period_s=period_s),
+        recordings,
         gyro=gyro,
         revolutions=revolutions,
         reference_deg=reference_deg,
@@ -80,12 +96,13 @@ def scale_factor(
     )
     if out is not None:
         write_result(out, calibration.to_mapping(), overwrite=overwrite)
+        _write_page(out.with_suffix(".html"), calibration, runs, [run.metadata for run in recordings])
     if as_json:
         show_json(calibration.to_mapping())
         return
     _show(calibration)
     if out is not None:
-        notify(f"{out}: written")
+        notify(f"{out}: written, with {out.with_suffix('.html').name} beside it")
 
 
 def _stated(items: list[str]) -> TableErrors:
@@ -105,66 +122,73 @@ def _stated(items: list[str]) -> TableErrors:
     return TableErrors(**values)
 
 
-def _show(calibration: ScaleFactorCalibration) -> None:
+def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any]]]:
+    """Tables by their titles."""
+    tables: dict[str, list[dict[str, Any]]] = {}
     if calibration.factors:
-        show_table(
-            "Conventional scale factor, whole revolutions forwards and back",
-            [
-                {
-                    "rate, deg/s": f"{factor.rate_deg_s:.4g}",
-                    "repeats": len(factor.repeats),
-                    "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
-                    "relative spread": f"{factor.relative_spread:.2g}",
-                    "expected of rounding, mark and walk": f"{factor.relative_expected:.2g}",
-                    "relative standard error": f"{factor.relative_sd:.2g}",
-                    "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
-                }
-                for factor in calibration.factors
-            ],
-        )
+        tables["Conventional scale factor, whole revolutions forwards and back"] = [
+            {
+                "rate, deg/s": f"{factor.rate_deg_s:.4g}",
+                "repeats": len(factor.repeats),
+                "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
+                "relative spread": f"{factor.relative_spread:.2g}",
+                "expected of rounding, mark and walk": f"{factor.relative_expected:.2g}",
+                "relative standard error": f"{factor.relative_sd:.2g}",
+                "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
+            }
+            for factor in calibration.factors
+        ]
     if calibration.rates is not None:
-        frame = calibration.rates.to_frame()
-        show_table(
-            "Scale-factor error against rate, relative to the stated pulse_arcsec or else to the highest rate",
-            [
-                {
-                    "rate, deg/s": f"{row.rate_deg_s:.4g}",
-                    "mean, ppm": f"{row.mean_ppm:.3f}",
-                    "std of repeats, ppm": f"{row.std_ppm:.3f}",
-                }
-                for row in frame.itertuples()
-            ],
-        )
+        tables["Scale-factor error against rate, relative to the stated pulse_arcsec or else to the highest rate"] = [
+            {
+                "rate, deg/s": f"{row.rate_deg_s:.4g}",
+                "mean, ppm": f"{row.mean_ppm:.3f}",
+                "std of repeats, ppm": f"{row.std_ppm:.3f}",
+            }
+            for row in calibration.rates.to_frame().itertuples()
+        ]
+    if calibration.mounting is not None and calibration.budget is not None:
+        mounting, budget = calibration.mounting, calibration.budget
+        tables[f"Mounting angle from {len(mounting.positions)} positions, standard errors from the {mounting.sd_from}"] = [
+            {"": "theta, arcsec", "value": f"{mounting.theta_arcsec:.3f}", "standard error": f"{mounting.theta_sd_arcsec:.2g}"},
+            {"": "  as printed, eq. (18)", "value": f"{mounting.theta_printed_arcsec:.3f}", "standard error": ""},
+            {"": "beta0, deg", "value": f"{mounting.beta0_deg:.3f}", "standard error": f"{mounting.beta0_sd_deg:.2g}"},
+            {"": "alpha, deg", "value": f"{mounting.alpha_deg:.5f}", "standard error": f"{mounting.alpha_sd_deg:.2g}"},
+        ]
+        tables[f"Error budget of theta, arcsec (bound by eq. 21: {budget.bound_arcsec:.2f} for four positions)"] = [
+            {
+                "term": row.term,
+                "largest": f"{row.largest_arcsec:.4g}",
+                "sd if uniform": f"{row.uniform_arcsec:.3f}",
+                "sd if three sigma": f"{row.three_sigma_arcsec:.3f}",
+            }
+            for row in budget.terms.itertuples()
+        ]
+    return tables
+
+
+def _show(calibration: ScaleFactorCalibration) -> None:
+    for title, rows in _tables(calibration).items():
+        show_table(title, rows)
+    if calibration.rates is not None:
         show_text(f"- {calibration.rates.repeatability}")
     if calibration.lock_in is not None:
         fit = calibration.lock_in
         sd = "" if math.isnan(fit.lock_in_sd_deg_s) else f" ± {fit.lock_in_sd_deg_s:.1g}"
         show_text(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.assessment}")
     if calibration.mounting is not None and calibration.budget is not None:
-        mounting, budget = calibration.mounting, calibration.budget
-        show_table(
-            f"Mounting angle from {len(mounting.positions)} positions, standard errors from the {mounting.sd_from}",
-            [
-                {"": "theta, arcsec", "value": f"{mounting.theta_arcsec:.3f}", "standard error": f"{mounting.theta_sd_arcsec:.2g}"},
-                {"": "  as printed, eq. (18)", "value": f"{mounting.theta_printed_arcsec:.3f}", "standard error": ""},
-                {"": "beta0, deg", "value": f"{mounting.beta0_deg:.3f}", "standard error": f"{mounting.beta0_sd_deg:.2g}"},
-                {"": "alpha, deg", "value": f"{mounting.alpha_deg:.5f}", "standard error": f"{mounting.alpha_sd_deg:.2g}"},
-            ],
-        )
-        show_table(
-            f"Error budget of theta, arcsec (bound by eq. 21: {budget.bound_arcsec:.2f} for four positions)",
-            [
-                {
-                    "term": row.term,
-                    "largest": f"{row.largest_arcsec:.4g}",
-                    "sd if uniform": f"{row.uniform_arcsec:.3f}",
-                    "sd if three sigma": f"{row.three_sigma_arcsec:.3f}",
-                }
-                for row in budget.terms.itertuples()
-            ],
-        )
         sd = "" if math.isnan(calibration.relative_sd) else f", relative standard error {calibration.relative_sd:.2g}"
-        show_text(
-            f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {budget.scale_per_arcsec:.2g} of it for an arcsec of theta"
-        )
+        each = calibration.budget.scale_per_arcsec
+        show_text(f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {each:.2g} of it for an arcsec of theta")
     show_remarks(calibration.remarks)
+
+
+def _write_page(page: Path, calibration: ScaleFactorCalibration, runs: list[str], tested: list[Any]) -> None:
+    import pandas as pd
+
+    from rlgcomp.recording.provenance import provenance
+    from rlgcomp.report.scale_factor import scale_factor_page
+
+    tables = {title: pd.DataFrame(rows) for title, rows in _tables(calibration).items()}
+    results = scale_factor_page(calibration, page.stem, tables)
+    results.write(page, provenance([interval_of(spec)[0] for spec in runs]), tested)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -20,6 +20,7 @@ from rlgcomp.cli.base import (
     Runs,
     candidates_of,
     command,
+    interval_of,
     progress,
     read_runs,
     require_folder,
@@ -31,7 +32,7 @@ from rlgcomp.cli.simulation import SimulatorFile
 if TYPE_CHECKING:
     from rlgcomp.challenge.sensitivity import Sensitivity
 
-FILES: Final = ("sensitivity.json", "shares.csv", "curves.png")
+FILES: Final = ("sensitivity.json", "shares.csv", "curves.png", "report.html", "figures/*.svg")
 
 
 @command("sensitivity", several=("--mechanisms",))
@@ -103,33 +104,41 @@ def sensitivity(
             progress=advance,
         )
     if out is not None:
-        _write(result, out)
-        notify(f"{out}: sensitivity.json, shares.csv, curves.png")
+        _write(result, out, [Path(simulator), *(interval_of(spec)[0] for spec in runs)], [run.metadata for run in recordings])
+        notify(f"{out}: report.html, sensitivity.json, shares.csv, curves.png")
     if as_json:
         show_json(result.to_mapping())
         return
+    by_strength, smallest = _tables(result)
     show_table(
         f"{mechanism} in {len(recordings)} run{'s' if len(recordings) > 1 else ''}: share found, "
         f"by strength over the white noise of {result.averaging_s:g} s",
-        [
-            {
-                "strength": row["strength"],
-                "rms, deg/h": _two_digits(row["rms_deg_h"]),
-                "detected (p < 0.01)": _percent(row["detected"]),
-                "named": _percent(row["named"]),
-                "named or in its class": _percent(row["in_class"]),
-                "named though p > 0.01": _percent(row["undetected"]),
-                "trials": int(row["trials"]),
-            }
-            for row in result.to_frame().to_dict("records")
-        ],
+        by_strength,
     )
     show_text(f"{result.meaning}\n")
-    lines = []
+    show_table("Smallest effect found", smallest)
+    show_remarks(result.remarks)
+
+
+def _tables(result: Sensitivity) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Shares by strength, and the smallest effects found."""
+    by_strength = [
+        {
+            "strength": row["strength"],
+            "rms, deg/h": _two_digits(row["rms_deg_h"]),
+            "detected (p < 0.01)": _percent(row["detected"]),
+            "named": _percent(row["named"]),
+            "named or in its class": _percent(row["in_class"]),
+            "named though p > 0.01": _percent(row["undetected"]),
+            "trials": int(row["trials"]),
+        }
+        for row in result.to_frame().to_dict("records")
+    ]
+    smallest: list[dict[str, Any]] = []
     for criterion, curve in (("detected", result.detection), ("named or in its class", result.naming)):
         for share, size, interval in (("50 %", curve.s50, curve.s50_interval), ("90 %", curve.s90, curve.s90_interval)):
             amplitudes = [f"{key} = {value:.3g} {unit}" for key, (value, unit) in result.sizes(size).items()]
-            lines.append(
+            smallest.append(
                 {
                     "": f"{criterion}, {share}",
                     "strength": _two_digits(size),
@@ -138,8 +147,7 @@ def sensitivity(
                     "that is": ", ".join(amplitudes) or "–",
                 }
             )
-    show_table("Smallest effect found", lines)
-    show_remarks(result.remarks)
+    return by_strength, smallest
 
 
 def _two_digits(number: float) -> float:
@@ -150,11 +158,13 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def _write(result: Sensitivity, out: Path) -> None:
+def _write(result: Sensitivity, out: Path, inputs: list[Path], tested: list[Any]) -> None:
     import numpy as np
+    import pandas as pd
 
     from rlgcomp.files import whole_folder, write_json
-    from rlgcomp.report.sensitivity import FoundCurve, curves_picture
+    from rlgcomp.recording.provenance import provenance
+    from rlgcomp.report.sensitivity import FoundCurve, curves_picture, sensitivity_page
 
     table = result.to_frame()
     tried = table["strength"].to_numpy()
@@ -171,3 +181,8 @@ def _write(result: Sensitivity, out: Path) -> None:
         write_json(folder / "sensitivity.json", result.to_mapping())
         table.to_csv(folder / "shares.csv", index=False)
         (folder / "curves.png").write_bytes(curves_picture(title, result.white_deg_h, detected, named, result.meaning.text))
+        titles = ("Shares by strength", "Smallest effect found")
+        tables = {one: pd.DataFrame(rows) for one, rows in zip(titles, _tables(result), strict=True)}
+        notes = (result.meaning, result.remarks)
+        page = sensitivity_page(result.mechanism, result.white_deg_h, (detected, named), tables, notes)
+        page.write(folder / "report.html", provenance(inputs), tested, folder / "figures")

@@ -47,7 +47,7 @@ from rlgcomp.report.messages import Message, message
 Array = npt.NDArray[np.float64]
 
 FEWEST_REVOLUTIONS: Final = 120
-_DISAGREES_P: Final = 0.01
+DISAGREES_P: Final = 0.01
 _MISFIT_P: Final = 1e-3
 _RESOLVED_SD: Final = 3.0  # standard deviations of N
 _MEAN_S: Final = 1.0
@@ -126,7 +126,7 @@ class RotationNoise:
             remarks.append(message("noise.encoder_delay_unknown"))
         for one in self.gyros:
             where = {"run": one.run, "gyro": one.gyro, "rate_deg_s": one.rate_deg_s}
-            if one.agreement_p_value < _DISAGREES_P:
+            if one.agreement_p_value < DISAGREES_P:
                 remarks.append(message("noise.cross_check_disagrees", **where, p_value=one.agreement_p_value))
             if one.noise.fit_p_value < _MISFIT_P:
                 data = {"highest_hz": one.noise.highest_hz, "p_value": one.noise.fit_p_value}

@@ -1,18 +1,22 @@
-"""Figures of the angle random walk under rotation: orders, before and after, Allan deviation, spectrum."""
+"""Figures and page of the angle random walk under rotation: orders, before and after, Allan deviation, spectrum."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
+from rlgcomp.noise.angle_random_walk import DISAGREES_P, RotationNoise
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
 from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, legend, time_axis
-from rlgcomp.report.page import Picture
+from rlgcomp.report.messages.wording import estimate_text, p_text
+from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture
 
 SHOWN_MEANS_S: Final = 60
@@ -157,3 +161,58 @@ def _name(one: AngleRandomWalk) -> str:
 def _stem(one: AngleRandomWalk) -> str:
     """Beginning of the names of a gyro's figures."""
     return f"{one.run}-{one.gyro}-{abs(one.rate_deg_s):.3g}"
+
+
+def arw_page(result: RotationNoise, shown: Sequence[dict[str, Picture]]) -> Results:
+    """The page of the angle random walk of turning gyros.
+
+    Parameters
+    ----------
+    result : RotationNoise
+    shown : sequence of dict of str to Picture
+        Of each gyro, as :func:`pictures` gives them.
+    """
+    texts = [estimate_text(one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd, "") for one in result.gyros]
+    least = min((one.agreement_p_value for one in result.gyros), default=1.0)
+    agree = least >= DISAGREES_P
+    frame = result.to_frame()
+    delay = result.delay
+    lag = "unknown: one rate alone" if delay is None else f"{1e3 * delay.delay_s:.4f} ± {1e3 * delay.sd_s:.4f} ms ({delay.source})"
+    table = pd.DataFrame(
+        {
+            "run": frame["run"],
+            "gyro": frame["gyro"],
+            "rate, deg/s": [f"{value:.4g}" for value in frame["rate_deg_s"]],
+            "N, deg/√h": texts,
+            "whole turns, deg/√h": [
+                estimate_text(
+                    one.whole_revolutions.angle_random_walk_deg_sqrt_h, one.whole_revolutions.angle_random_walk_deg_sqrt_h_sd, ""
+                )
+                for one in result.gyros
+            ],
+            "agree, p": [f"{one.agreement_p_value:.2g}" for one in result.gyros],
+            "orders": frame["orders"],
+        }
+    )
+    runs = ", ".join(dict.fromkeys(one.run for one in result.gyros))
+    return Results(
+        title=f"Angle random walk under rotation, {runs}",
+        kind="angle random walk",
+        badge="cross-check agrees" if agree else "cross-check disagrees",
+        answer=f"The angle random walk of {_name(result.gyros[0])} is {texts[0]} deg/√h; the cross-check without harmonics "
+        f"{'agrees' if agree else 'disagrees'} ({p_text(least)}).",
+        headline=tuple((text, f"deg/√h, {_name(one)}") for text, one in zip(texts, result.gyros, strict=True))[:3],
+        facts=(
+            ("Encoder's delay", lag),
+            ("Next", "Read the remarks; a second rate gives the encoder's delay." if delay is None else "Read the remarks."),
+        ),
+        sections=(
+            Section(
+                "Results",
+                (table, "N of the spectrum with its standard deviation; whole turns: the cross-check that needs no harmonic fit."),
+            ),
+            *(Section(f"{one.run}, {_name(one)}", tuple(of.values())) for one, of in zip(result.gyros, shown, strict=True)),
+        ),
+        remarks=result.remarks,
+        beside="Numbers are in arw.json and arw.csv, orders and deviations in tables beside this page.",
+    )

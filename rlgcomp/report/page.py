@@ -15,14 +15,19 @@ import platform
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import rlgcomp
-from rlgcomp.files import sha256
+from rlgcomp.files import sha256, write_text
 from rlgcomp.report.messages import Message
 from rlgcomp.report.messages.consequence import LEVELS, by_consequence, level
 from rlgcomp.units import typeset
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+_KICKER: Final = '<p class="kicker">rlgcomp '
+_HEAD: Final = 1 << 16  # characters of a page, within which its kicker stands
 _FIRST: Final = 3  # remarks beside the answer
 _HEADINGS: Final = {"decisive": "Read before use", "limiting": "Limits", "note": "What was done"}
 _CONTENTS: Final = "<!-- contents -->"
@@ -54,6 +59,73 @@ def save_pictures(folder: Path, pictures: Iterable[Picture]) -> None:
     folder.mkdir(exist_ok=True)
     for one in pictures:
         (folder / f"{one.name}.svg").write_text(one.svg, encoding="utf-8")
+
+
+@dataclasses.dataclass(frozen=True)
+class Section:
+    """A section of a page: pictures, tables and notes, in this order."""
+
+    title: str
+    parts: tuple[Picture | pd.DataFrame | str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Results:
+    """A page of results: the answer, and sections.
+
+    Parameters
+    ----------
+    title, kind, answer : str
+        Heading; what was done; the result in a sentence.
+    headline : tuple of (str, str)
+        Numbers with their units, the first ones to be read.
+    facts : tuple of (str, str)
+        What is told beside the answer, with what to do next.
+    sections : tuple of Section
+    remarks : tuple of Message
+    beside : str
+        On the files beside the page.
+    badge : str
+        The verdict in a word or two.
+    """
+
+    title: str
+    kind: str
+    answer: str
+    headline: tuple[tuple[str, str], ...]
+    facts: tuple[tuple[str, str], ...]
+    sections: tuple[Section, ...]
+    remarks: tuple[Message, ...] = ()
+    beside: str = ""
+    badge: str = ""
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """All figures."""
+        return [part for section in self.sections for part in section.parts if isinstance(part, Picture)]
+
+    def render(self, made: Mapping[str, Any], tested: Sequence[Described] = (), files: Sequence[tuple[str, str, str]] = ()) -> str:
+        """The page as HTML text; parameters as of :func:`render`."""
+        content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return render("results.html", made=made, tested=tested, files=files, **content)
+
+    def write(self, path: Path, made: Mapping[str, Any], tested: Sequence[Described] = (), figures: Path | None = None) -> None:
+        """Write the page, whole or not at all, with the SHA-256 of the files that are in its folder.
+
+        Parameters
+        ----------
+        path : path
+        made : mapping
+            Provenance.
+        tested : sequence of Described
+            Metadata of the recordings.
+        figures : path, optional
+            Folder in which each figure is saved as well.
+        """
+        beside = sorted(file for file in path.parent.iterdir() if file.is_file()) if figures is not None else []
+        write_text(path, self.render(made, tested, digests(made, beside)))
+        if figures is not None:
+            save_pictures(figures, self.pictures)
 
 
 class Described(Protocol):
@@ -120,6 +192,15 @@ def render(
     sections = [(name, heading) for name, heading in _SECTION.findall(text)]
     links = "".join(f'<li><a href="#{name}">{heading}</a></li>' for name, heading in sections)
     return text.replace(_CONTENTS, f'<nav aria-label="Contents"><ul>{links}</ul></nav>' if len(sections) > 1 else "", 1)
+
+
+def is_page(path: Path) -> bool:
+    """Whether a file is a page of this package."""
+    try:
+        with open(path, encoding="utf-8") as stream:
+            return _KICKER in stream.read(_HEAD)
+    except (OSError, ValueError):
+        return False
 
 
 def in_words(text: str, names: Sequence[str]) -> str:
