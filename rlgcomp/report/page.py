@@ -30,6 +30,7 @@ _KICKER: Final = '<p class="kicker">rlgcomp '
 _HEAD: Final = 1 << 16  # characters of a page, within which its kicker stands
 _FIRST: Final = 3  # remarks beside the answer
 _HEADINGS: Final = {"decisive": "Read before use", "limiting": "Limits", "note": "What was done"}
+_SIGN: Final = re.compile(r" ?(=>|===|[{};]|(?<![<>=!])=(?!=)) ?")
 _CONTENTS: Final = "<!-- contents -->"
 _SECTION: Final = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>')
 _BESIDE_RELEASE: Final = ("numpy", "scipy")
@@ -291,6 +292,8 @@ def _resource(name: str) -> str:
 
 @functools.cache
 def _script() -> str:
-    """The viewer without its comments and indentation."""
+    """The viewer without its comments, its indentation, and blanks beside signs outside of its texts."""
     bare = re.sub(r"/\*.*?\*/", "", _resource("viewer.js"), flags=re.DOTALL)
-    return "\n".join(line for line in (line.strip() for line in bare.splitlines()) if line)
+    lines = [re.split(r"(\"[^\"]*\"|`[^`]*`)", line.strip()) for line in bare.splitlines()]
+    tight = [[part if k % 2 else _SIGN.sub(r"\1", part) for k, part in enumerate(parts)] for parts in lines]
+    return "\n".join(line for line in map("".join, tight) if line)
