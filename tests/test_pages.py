@@ -75,7 +75,7 @@ class TestFigures:
         assert axes["series"][0][1] == "a < b"
 
     def test_the_viewer_is_small(self) -> None:
-        assert len(pages._script().encode()) < 10_000
+        assert len(pages.script().encode()) < 10_000
 
     def test_a_long_name_is_broken_and_never_cut(self) -> None:
         lines = wrapped(LONG, 40).split("\n")
@@ -165,7 +165,7 @@ class TestPage:
 @pytest.mark.parametrize("dark", [False, True])
 def test_texts_contrast_with_their_grounds(dark: bool) -> None:
     """WCAG 2.1, level AA: 4.5 for texts of usual size."""
-    style = pages._resource("style.css")
+    style = pages.resource("style.css")
     roots = re.findall(r":root \{(.*?)\}", style, flags=re.DOTALL)
     colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{3,6})", roots[1] if dark else roots[0]))
     for ink in ("ink", "soft", "link", "good"):

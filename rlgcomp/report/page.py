@@ -178,8 +178,8 @@ def render(
         .get_template(template)
         .render(
             title=title,
-            style=_resource("style.css"),
-            script=_script(),
+            style=resource("style.css"),
+            script=script(),
             version=rlgcomp.__version__,
             first_remarks=[(level(one), in_words(one.text, words)) for one in _beside(ordered)],
             more_remarks=_grouped(ordered, words),
@@ -286,14 +286,14 @@ def _breakable(value: object) -> Any:
 
 
 @functools.cache
-def _resource(name: str) -> str:
+def resource(name: str) -> str:
     return importlib.resources.files("rlgcomp.report").joinpath(name).read_text(encoding="utf-8")
 
 
 @functools.cache
-def _script() -> str:
+def script() -> str:
     """The viewer without its comments, its indentation, and blanks beside signs outside of its texts."""
-    bare = re.sub(r"/\*.*?\*/", "", _resource("viewer.js"), flags=re.DOTALL)
+    bare = re.sub(r"/\*.*?\*/", "", resource("viewer.js"), flags=re.DOTALL)
     lines = [re.split(r"(\"[^\"]*\"|`[^`]*`)", line.strip()) for line in bare.splitlines()]
     tight = [[part if k % 2 else _SIGN.sub(r"\1", part) for k, part in enumerate(parts)] for parts in lines]
     return "\n".join(line for line in map("".join, tight) if line)
