@@ -28,6 +28,7 @@ def test_the_artefact_and_the_report_state_version_date_command_and_inputs(
     manifest = json.loads((tmp_path / "model" / "manifest.json").read_text())
     assert manifest["created"] == "1970-01-02T00:00:00+00:00"
     assert [run["sha256"] for run in manifest["runs"]] == [sha256(path) for path in paths[:2]]
+    assert manifest["provenance"]["inputs"] == {path.stem: sha256(path) for path in paths[:2]}
     assert manifest["provenance"]["command"].startswith(f"rlgcomp train {paths[0]} {paths[1]} --model cubic")
     assert rlg.load(tmp_path / "model").provenance_[0]["sha256"] == sha256(paths[0])
     assert (

@@ -69,7 +69,7 @@ def manifest_of(compensator: Fitted) -> dict[str, Any]:
     scaling, specification = compensator.scaling_, compensator.specification_
     return {
         "created": made_at(),
-        "provenance": provenance(),
+        "provenance": provenance() | {"inputs": {run["run"]: run["sha256"] for run in compensator.provenance_ if "sha256" in run}},
         "versions": {"python": platform.python_version()}
         | {name: importlib.metadata.version(name) for name in ("rlgcomp", "numpy", "scikit-learn")},
         "model": {"name": type(compensator.model_).__name__ if specification is None else specification.name},
