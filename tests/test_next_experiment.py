@@ -10,8 +10,11 @@ from rlgcomp.diagnosis.design import distances, expected, next_experiment
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.table_programmes import RateTable, table_programmes
+from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from rlgcomp.simulation.table_programme import TableProgramme
 
 NOISE = {"angle_random_walk_deg_sqrt_h": 0.0003}
 BASE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}], "noise": NOISE})
@@ -86,3 +89,46 @@ def test_programmes_are_on_the_scale_of_the_runs(found: Diagnosis, monkeypatch: 
     fits = fits_of(found, "thermal_lag", "ageing")
     monkeypatch.setattr(design, "LONGEST", 1e-3)
     assert next_experiment(found.posterior, fits, [fit.state for fit in fits], None) == (None, None)
+
+
+TABLE = Simulator.from_mapping({"kind": "turntable", "mechanisms": ["scale_factor"]})
+LEAN = {"misalignment": {"cosine_arcsec": 0.3, "sine_arcsec": 0.2}}
+
+
+def on_table(programme: str, seed: int = 1) -> Recording:
+    mechanisms = ["scale_factor", LEAN]
+    noise = {"angle_random_walk_deg_sqrt_h": 0.0005}
+    simulator = Simulator.from_mapping({"kind": "turntable", "mechanisms": mechanisms, "noise": noise})
+    return simulator.simulate(programme, seed=seed, step_s=0.5, name=f"run{seed}")
+
+
+def test_a_table_is_told_to_turn_at_other_rates() -> None:
+    """At one rate a sensitivity that leans with the angle and the Earth's rate across it are one sine."""
+    run = on_table("rate 10 900").between(5.0, 880.0)
+    names = ["misalignment", "earth_rate_leak"]
+    found = diagnose(TABLE, [run], only=names, black_box=False)
+    assert found.verdict == "ambiguous"
+    assert found.next_experiment is not None
+    assert set(found.next_experiment.separates) == set(names)
+    assert found.next_experiment.expected_probability_after > 0.95
+    programme = TableProgramme.parse(found.next_experiment.profile)
+    assert np.abs(programme.corners[1]).max() <= 10.0
+    after = diagnose(TABLE, [run, on_table(found.next_experiment.profile, 2)], only=names, black_box=False)
+    assert [cause.name for cause in after.causes] == ["misalignment"]
+    assert after.causes[0].probability > 0.9
+
+
+def test_table_programmes_turn_no_faster_than_recorded() -> None:
+    run = on_table("rate 20 200, rate -20 200, rest 100")
+    programmes = table_programmes([run])
+    assert len(programmes) >= 6
+    assert all(np.abs(one.corners[1]).max() <= 20.0 * 1.05 for one in programmes)
+    assert not table_programmes([on_table("rest 300")])
+
+
+def test_what_a_table_does_not_tell_is_not_foreseen() -> None:
+    run = on_table("rate 20 200, rate -20 200, rest 100")
+    with pytest.raises(InputError, match="what magnetic_field_uT reads in another run is not known"):
+        RateTable.of([run], ["magnetic_field_uT", "table_rate"])
+    foreseen = RateTable.of([run], ["table_rate"]).foreseen(TableProgramme.parse("rate 5 100"))
+    assert set(foreseen.columns) == {"time_s", "gyro_deg_h", "table_angle_deg", "table_rate_deg_s", "temperature_block_degC"}

@@ -36,6 +36,7 @@ Rooms, each importing only from those before it:
     scores      runs before and after
     record      the data of a diagnosis; remarks, text, pictures and page read it
     result      the diagnosis as scripts use it
+    table_programmes  programmes of a turntable
     design      the next experiment
     prepare     runs without outliers; a user's own simulation
     diagnose    one diagnosis from beginning to end

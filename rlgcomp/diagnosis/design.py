@@ -17,14 +17,14 @@ G. E. P. Box, W. J. Hill, Technometrics 9, 57 (1967) (experiments that discrimin
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.baseline import independent
-from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.decide import EXCHANGED
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.laboratory import Laboratory
@@ -32,8 +32,13 @@ from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.programmes import ChamberRange, chamber_programmes
 from rlgcomp.diagnosis.record import NextExperiment
 from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.table_programmes import RateTable, table_programmes
+from rlgcomp.diagnosis.turning import with_angle_rows
 from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
+from rlgcomp.simulation.programme import Programme
+from rlgcomp.simulation.table_programme import TableProgramme
 
 Array = npt.NDArray[np.float64]
 _MOST: Final = 4  # sets that are parted
@@ -60,21 +65,11 @@ def next_experiment(
     """
     if len(fits) < 2:
         return None, None
-    recorded = [run.binned for run in fits[0].data.runs]
-    try:
-        laboratory = Laboratory.of(recorded)
-        programmes = chamber_programmes(recorded, chamber)
-    except InputError:  # no thermometer that could be commanded
-        return None, None
     weights = np.array([posterior.of_effects[posterior.effects_of(state)] for state in states])
     prior = weights / weights.sum()
     names = _names(posterior, states)
-    grid, plant = fits[0].data.runs[0].grid, fits[0].baseline.simulator.monitors.plant
     tried = []
-    longest_s = LONGEST * fits[0].data.longest_s
-    for programme in (one for one in programmes if one.duration_s <= longest_s):
-        predicted = laboratory.foreseen(programme, plant, grid.bin_s)
-        run = Run.of(predicted, grid, lambda binned: np.zeros(len(binned)))
+    for programme, run in foreseen(posterior, fits, states, chamber):
         squares = distances(fits, run)
         tried.append((float(prior @ expected(prior, squares)), programme.duration_s, squares, programme))
     if not tried:
@@ -86,6 +81,32 @@ def next_experiment(
     found = NextExperiment(tuple(names), str(programme), probability, math.sqrt(min(squares[0, 1], squares[1, 0])), duration_s)
     promise = message("diagnosis.next_experiment", sets=names, profile=str(programme), duration_s=duration_s, expected=probability)
     return found, promise
+
+
+def foreseen(
+    posterior: Posterior, fits: Sequence[Fit], states: Sequence[State], chamber: ChamberRange | None
+) -> Iterator[tuple[Programme | TableProgramme, Run]]:
+    """Programmes that chamber or table can run, with the runs that they would be; parameters as of :func:`next_experiment`."""
+    data = fits[0].data
+    recorded, longest_s, grid = [run.binned for run in data.runs], LONGEST * data.longest_s, data.runs[0].grid
+    try:
+        if data.turns:
+            read = {column for state in states for key in state.key[0] for column in posterior.regions[key].drivers}
+            table, bases = RateTable.of(recorded, read), [basis for fit in fits for _, bases in fit.parts for basis, _ in bases]
+            for turning in (one for one in table_programmes(recorded) if one.duration_s <= longest_s):
+                plain = Data((Run.of(table.foreseen(turning), grid, _nothing),))
+                yield turning, with_angle_rows(plain, bases, _nothing).runs[0]
+            return
+        laboratory = Laboratory.of(recorded)
+        plant = fits[0].baseline.simulator.monitors.plant
+        for programme in (one for one in chamber_programmes(recorded, chamber) if one.duration_s <= longest_s):
+            yield programme, Run.of(laboratory.foreseen(programme, plant, grid.bin_s), grid, _nothing)
+    except InputError:  # no thermometer that could be commanded, a monitor that a table does not tell
+        return
+
+
+def _nothing(binned: Recording) -> Array:
+    return np.zeros(len(binned))
 
 
 def likely(posterior: Posterior) -> list[State]:
@@ -116,10 +137,10 @@ class _Whitened:
 
     def __init__(self, fit: Fit, run: Run) -> None:
         length = max(len(one.full) for one in fit.data.runs)
-        covariance = fit.white**2 * fit.state.noise.covariance(run.windows, run.white, length)
+        covariance = fit.white**2 * fit.state.noise.of_run(run, length)
         self._root = np.linalg.cholesky(covariance)
         members = [scale * run.means(basis.columns(run)) for _, bases in fit.parts for basis, scale in bases]
-        table = np.hstack([np.empty((len(run.windows), 0)), *members])
+        table = np.hstack([np.empty((len(run.output), 0)), *members])
         if table.shape[1]:
             values, vectors = np.linalg.eigh(fit.solution.covariance)
             table = table @ (vectors * np.sqrt(np.maximum(values, 0.0)))

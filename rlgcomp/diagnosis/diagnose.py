@@ -210,7 +210,7 @@ class _Engine:
         data, best = self.data(self.runs.train), _best(posterior, decision)
         baseline = baseline.linearised(data)
         if self.turns:
-            own = (basis for member in best.members for basis in member.form.bases)
+            own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
             data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         before, after = (self._in_training(state, bank) for state in (_null(posterior), best))
@@ -220,7 +220,7 @@ class _Engine:
             after = self._in_training(_best(posterior, decision), bank)
         if decision.verdict == "none" and Fit(data, baseline, bank, after).excess[1] < LOUDER:
             decision = Decision("unknown", (), louder=True)
-        states = likely(posterior) if decision.verdict == "ambiguous" and not self.turns else []
+        states = likely(posterior) if decision.verdict == "ambiguous" else []
         rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
         following, promise = next_experiment(posterior, rivals, states, self.chamber)
         read = {column for member in after.members for column in posterior.regions[member.form.region].drivers}

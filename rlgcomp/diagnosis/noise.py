@@ -64,10 +64,11 @@ class Noise:
     def covariances(self, data: Data) -> list[Array]:
         """Of all rows of each run."""
         length = max(len(run.full) for run in data.runs)
-        found = [self._of_run(run, length) for run in data.runs]
+        found = [self.of_run(run, length) for run in data.runs]
         return found if self.errors is None else [a + b for a, b in zip(found, self.errors.blocks, strict=True)]
 
-    def _of_run(self, run: Run, length: float) -> Array:
+    def of_run(self, run: Run, length: float) -> Array:
+        """Of all rows of one run, without errors of drivers; `length` is that of the longest run in windows."""
         count = len(run.windows)
         found = self.covariance(run.windows, run.white[:count], length)
         if self.encoder:

@@ -75,12 +75,12 @@ def _variants(cold: float, hot: float, start: float, rate: float, share: float) 
     cold, hot = (middle + share * (end - middle) for end in (cold, hot))
     cold, hot = grid * math.ceil((cold - _SURE_K) / grid), grid * math.floor((hot + _SURE_K) / grid)
     span = hot - cold
-    quarter, slow = 0.25 * span, _settable(max(0.5 * rate, _SLOWEST_DEG_C_MIN))
+    quarter, slow = 0.25 * span, settable(max(0.5 * rate, _SLOWEST_DEG_C_MIN))
 
     def at(temperature_degC: float) -> str:
         return f"{min(max(grid * round(temperature_degC / grid), cold), hot) + 0.0:.4g}"
 
-    rate = _settable(rate)
+    rate = settable(rate)
     low, mid, high = at(cold), at(middle), at(hot)
     start_at = at(middle + share * (start - middle))
     texts = [
@@ -137,10 +137,10 @@ def _without_empty_steps(programme: Programme) -> Programme:
     return Programme(programme.start_degC, tuple(steps))
 
 
-def _settable(rate: float) -> float:
+def settable(rate: float) -> float:
     """A rate in two digits, no faster than it is.
 
-    >>> _settable(0.4853), _settable(0.4998), _settable(39.99)
+    >>> settable(0.4853), settable(0.4998), settable(39.99)
     (0.48, 0.5, 40.0)
     """
     grid = 10.0 ** (math.floor(math.log10(rate * (1.0 + _SURE))) - 1)
