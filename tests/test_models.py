@@ -158,7 +158,7 @@ def test_a_model_packed_and_unpacked_predicts_the_same(data: tuple[np.ndarray, n
     if name == "sequence":
         pytest.importorskip("torch", reason="torch is not installed (pip install 'rlgcomp[torch]')")
         model.set_params(epochs=20)
-    if name == "dynamic":
+    if name in ("dynamic", "lssvm-dynamic"):
         model.set_params(linear=(1,))
     if name == "kernels":
         model.set_params(method="gaussian_process")  # which of the three is for a selection to find

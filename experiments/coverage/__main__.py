@@ -26,7 +26,7 @@ STEP_S = 10.0
 TURN_ON_CASES = [
     *(("dynamic", runs, False) for runs in (1, 2, 4, 6)),
     *(("dynamic", runs, True) for runs in (1, 2, 4, 6)),
-    *(("lssvm", runs, True) for runs in (1, 2, 4)),
+    *(("lssvm", runs, True) for runs in (1, 2)),
 ]
 NORMAL = 1.645  # 90 % of a normal distribution lie within so many standard deviations
 CASES = [

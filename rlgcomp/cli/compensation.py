@@ -56,7 +56,8 @@ def train(
         str,
         typer.Option(
             metavar="NAME",
-            help="lssvm, fixed-size (for many rows), cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence.",
+            help="lssvm, lssvm-dynamic (rate, lag and memory of temperature linearly, for runs beyond the range of training), "
+            "fixed-size (for many rows), cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence.",
         ),
     ] = "lssvm",
     features: Annotated[

@@ -181,8 +181,9 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
         reach=finite(output["reach"], "reach", low=0.0),
         linear=pipeline.physics,
     )
-    if (pipeline.physics or isinstance(model, LSSVMRegressor)) and tuple(getattr(model, "linear", ())) != pipeline.physics:
-        raise InputError("the inputs that enter linearly are not those of known physics")
+    linear = tuple(getattr(model, "linear", ())) if pipeline.physics or isinstance(model, LSSVMRegressor) else ()
+    if linear != pipeline.physics and (pipeline.physics or linear != pipeline.dynamic):
+        raise InputError("the inputs that enter linearly are neither those of known physics nor the dynamics of temperature")
     compensator.training_ = tuple(
         WindowMeans(str(run["run"]), arrays["training_time_s"][part], arrays["training_X"][part], arrays["training_y_deg_h"][part])
         for run, part in ((run, arrays["training_run"] == k) for k, run in enumerate(manifest["runs"]))

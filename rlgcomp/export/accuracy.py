@@ -145,8 +145,9 @@ def _rounding_in_python(compensator: Compensator, expansion: Expansion, X: Array
     model = compensator.model_
     if expansion.form not in ("gaussian", "wide"):
         return float(4.0 * _EPSILON * expansion.y_scale_deg_h * _absolute_terms(expansion, expansion.inputs(X)).max())
-    x = compensator.scaling_.inputs(X)[:, : expansion.features]
-    k = gaussian(x, np.ascontiguousarray(model.X_fit_[:, : expansion.features]), sigma=model.sigma)
+    of_kernel = np.flatnonzero(np.isfinite(expansion.scale))
+    x = np.ascontiguousarray(compensator.scaling_.inputs(X)[:, of_kernel])
+    k = gaussian(x, np.ascontiguousarray(model.X_fit_[:, of_kernel]), sigma=model.sigma)
     t = -np.log(np.maximum(k, np.finfo(np.float64).tiny))
     less_one = k - 1.0 if isinstance(model, LSSVMRegressor) else k
     computed = [less_one, k] if expansion.form == "gaussian" else [less_one]

@@ -124,7 +124,7 @@ def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int
     precision : {"double", "float"}
     """
     d, lanes = expansion.features, LANES[precision]
-    numbers = 7 * d + -(-centres // lanes) * lanes * (d + 1)
+    numbers = 7 * d + len(expansion.straight_deg_h) + -(-centres // lanes) * lanes * (d + 1)
     if expansion.form == "wide":
         numbers += d + d * (d + 1) // 2
     return BYTES[precision] * (numbers + expansion.powers.size)
@@ -280,6 +280,7 @@ def _values(design: Design, number: Callable[[float], str]) -> dict[str, Any]:
         "weight_blocks": weights.reshape(blocks, lanes),
         "triangle": upper[np.triu_indices(e.features)],
         "interval": compensator.interval_,
+        "straight": len(e.straight_deg_h) > 0,
         "offset_s": design.offset_s,
         "narrower_deg_h": 0.0
         if design.offset_s is None

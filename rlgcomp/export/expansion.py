@@ -75,6 +75,9 @@ class Expansion:
         Of known physics, whose inputs follow the others: what is taken off each, and its coefficient in deg/h per unit.
     physics_limits : ndarray, shape (2, terms)
         Where they are clipped.
+    straight_deg_h : ndarray, shape (features,)
+        In deg/h per unit of the clipped input less its offset: of inputs that enter linearly, whose scale is infinite, so that x is
+        zero. Empty where there are none.
     """
 
     form: Form
@@ -99,6 +102,7 @@ class Expansion:
     physics_mean: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     physics_deg_h: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     physics_limits: Array = dataclasses.field(default_factory=lambda: np.zeros((2, 0)))
+    straight_deg_h: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def features(self) -> int:
@@ -113,8 +117,12 @@ class Expansion:
         return np.asarray(self.y_mean_deg_h + self.y_scale_deg_h * self.values(self.inputs(X))) + self.physics_of(X).sum(axis=1)
 
     def physics_of(self, X: Array) -> Array:
-        """Each term of known physics, shape (n, terms)."""
-        return np.asarray((np.clip(X[:, self.features :], *self.physics_limits) - self.physics_mean) * self.physics_deg_h)
+        """Each term of known physics and of the inputs that enter linearly, shape (n, terms)."""
+        terms = (np.clip(X[:, self.features :], *self.physics_limits) - self.physics_mean) * self.physics_deg_h
+        if not len(self.straight_deg_h):
+            return np.asarray(terms)
+        clipped = np.clip(X[:, : self.features], self.least, self.most)
+        return np.hstack([terms, (clipped - self.offset) * self.straight_deg_h])
 
     def outside(self, X: Array) -> npt.NDArray[np.bool_]:
         """Rows with an input beyond the training range."""
@@ -257,6 +265,11 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
             coefficients = scaling.y_scale_deg_h * np.asarray(model.coef_) / scaling.scale[physics]
             limits = np.vstack([least[physics], most[physics]])
             common |= {"physics_mean": scaling.mean[physics], "physics_deg_h": coefficients, "physics_limits": limits}
+        elif model.linear:
+            straight, scale = np.zeros(d), scaling.scale.copy()
+            straight[list(model.linear)] = scaling.y_scale_deg_h * np.asarray(model.coef_) / scale[list(model.linear)]
+            scale[list(model.linear)] = np.inf
+            common |= {"straight_deg_h": straight, "scale": scale}
         if model.without_kernel:
             return Expansion("polynomial", **common | {"constant": float(model.intercept_), "powers": np.zeros((1, d))})
         return _of_kernel(common, model.kernel_name, model, less_one=model.kernel_name == "gaussian")
@@ -273,6 +286,7 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
 def _of_kernel(common: dict[str, Any], name: str, model: Any, *, less_one: bool) -> Expansion:
     """A sum of kernels; `less_one`: 1 is taken off each kernel, as the LS-SVM does."""
     weights, centres, intercept = model.alpha_, model.X_fit_[:, : len(common["offset"])], float(model.intercept_)
+    centres = np.where(np.isinf(common["scale"]), 0.0, centres)
     if name == "linear":
         exact = centres.T.astype(np.longdouble) @ weights
         return Expansion("polynomial", **common | {"constant": intercept, "powers": np.asarray(exact, dtype=np.float64)[None, :]})

@@ -170,6 +170,9 @@ def graph(compensator: Compensator, expansion: Expansion, precision: str, metada
     clipped = made("Min", made("Max", "features", expansion.least), expansion.most)
     x = made("Div", made("Sub", clipped, expansion.offset), expansion.scale)
     values = _values(made, expansion, x)
+    if len(expansion.straight_deg_h):
+        straight = expansion.straight_deg_h / expansion.y_scale_deg_h
+        values = made("Add", values, made.total(made("Mul", made("Sub", clipped, expansion.offset), straight)))
     made("Add", made("Mul", values, expansion.y_scale_deg_h), expansion.y_mean_deg_h, to="bias_deg_h")
     body = helper.make_graph(
         made.nodes,

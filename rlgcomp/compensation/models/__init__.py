@@ -15,7 +15,7 @@ MODELS: Final[MappingProxyType[str, ModelSpecification]] = MappingProxyType(
     {
         specification.name: specification
         for specification in (
-            lssvm.SPECIFICATION,
+            *lssvm.SPECIFICATIONS,
             fixed_size.SPECIFICATION,
             *cubic.SPECIFICATIONS,
             *baselines.SPECIFICATIONS,

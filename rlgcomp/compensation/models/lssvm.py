@@ -42,6 +42,7 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from rlgcomp.compensation.models.border import Border
+from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.fixed_size import fixed_size_rmse
 from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum
 from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device
@@ -94,9 +95,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     run_variance : float, optional
         Variance of the runs' own biases about b, over that of the kernel's function. None estimates it by restricted likelihood
         where `fit` is given the runs. A prediction has the mean of the runs' biases.
-    linear : tuple of int, default ()
-        Inputs that enter linearly, without regularisation, and not by the kernel: known physics. Not with several outputs or a
-        device.
+    linear : tuple of int or "dynamics", default ()
+        Inputs that enter linearly, without regularisation, and not by the kernel: known physics. "dynamics": a Compensator takes
+        the inputs that depend on the history of temperature. Not with several outputs or a device.
     device : {None, "auto", "cpu", "cuda", "cuda:0"}, default None
         None computes by NumPy and SciPy. A name computes by torch in that device's memory for n²/2 numbers, for tens of thousands
         of rows; "auto" is a graphics card where there is one. Fits and predictions agree to rounding. It is not saved with a model.
@@ -535,15 +536,21 @@ def _check(model: LSSVMRegressor, features: int) -> None:
         raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
 
 
-SPECIFICATION: Final = ModelSpecification(
-    name="lssvm",
-    estimator=LSSVMRegressor,
-    batches=_batches,
-    batches_of=_batches_of,
-    rmse=_rmse_of_batch,
-    threads=True,
-    reach=1.0,
-    numbers=("intercept_", "scale_", "run_variance_"),
-    arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_", "coef_std_"),
-    check=_check,
-)
+def _specification(name: str, **defaults: Any) -> ModelSpecification:
+    return ModelSpecification(
+        name=name,
+        estimator=LSSVMRegressor,
+        defaults=defaults,
+        batches=_batches,
+        batches_of=_batches_of,
+        rmse=_rmse_of_batch,
+        threads=True,
+        reach=1.0,
+        numbers=("intercept_", "scale_", "run_variance_"),
+        arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_", "coef_std_"),
+        check=_check,
+    )
+
+
+SPECIFICATION: Final = _specification("lssvm")
+SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS))

@@ -30,6 +30,10 @@ static const real MOST[INPUTS] = { {{ listed(e.most) }} };
 /* Scaling: (input - OFFSET) * PER_SCALE. */
 static const real OFFSET[INPUTS] = { {{ listed(e.offset) }} };
 static const real PER_SCALE[INPUTS] = { {{ listed(1.0 / e.scale) }} };
+{% if straight %}
+/* Inputs that enter linearly, deg/h per unit; to the kernel they are nothing. */
+static const real STRAIGHT[INPUTS] = { {{ listed(e.straight_deg_h) }} };
+{% endif %}
 {% if physics %}
 /* Known physics: its coefficients in deg/h per unit, what is taken off each term, and where it is clipped. */
 static const real PHYSICS[TERMS] = { {{ listed(e.physics_deg_h) }} };
@@ -224,7 +228,7 @@ static real bias_of(const real inputs[INPUTS{{ " + TERMS" if physics }}], real *
 {
     real x[INPUTS];
     real v;
-{% if physics %}
+{% if physics or straight %}
     real known = 0;
 {% endif %}
     int j;
@@ -246,6 +250,9 @@ static real bias_of(const real inputs[INPUTS{{ " + TERMS" if physics }}], real *
         clipped = clipped < LEAST[j] ? LEAST[j] : clipped;
         clipped = clipped > MOST[j] ? MOST[j] : clipped;
         x[j] = (clipped - OFFSET[j]) * PER_SCALE[j];
+{% if straight %}
+        known += STRAIGHT[j] * (clipped - OFFSET[j]);
+{% endif %}
     }
 {% if form == "polynomial" %}
     v = {{ e.constant|number }};
@@ -278,6 +285,8 @@ static real bias_of(const real inputs[INPUTS{{ " + TERMS" if physics }}], real *
         term = term > PHYSICS_MOST[j] ? PHYSICS_MOST[j] : term;
         known += PHYSICS[j] * (term - PHYSICS_MEAN[j]);
     }
+{% endif %}
+{% if physics or straight %}
     return {{ e.y_mean_deg_h|number }} + {{ e.y_scale_deg_h|number }} * v + known;
 {% else %}
     return {{ e.y_mean_deg_h|number }} + {{ e.y_scale_deg_h|number }} * v;
