@@ -1,4 +1,4 @@
-"""The LS-SVM whose dynamics enter linearly: unlike the kernel they go on beyond the training range; saved, loaded and exported alike."""
+"""The LS-SVM whose dynamics enter linearly, and so go on beyond the training range: fitted, saved and exported."""
 
 from __future__ import annotations
 
