@@ -38,6 +38,7 @@ Rooms, each importing only from those before it:
     result      the diagnosis as scripts use it
     table_programmes  programmes of a turntable
     design      the next experiment
+    conventions  time stamps of a table's motion
     prepare     runs without outliers; a user's own simulation
     diagnose    one diagnosis from beginning to end
 """

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Literal, Self
 
+from rlgcomp.diagnosis.conventions import with_mean_rates
 from rlgcomp.diagnosis.plausibility import require_plausible, require_whole_rate
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, scale_message
@@ -86,7 +87,8 @@ class Prepared:
         messages += [finding for _, finding in straight if finding is not None]
         runs = [run for run, _ in straight]
         if isinstance(simulator, Simulator) and simulator.kind == "turntable":
-            runs = without_quantisation(runs)
+            runs, found = with_mean_rates(without_quantisation(runs), gyro)
+            messages += found
         base, runs, predicted = _with_simulation(simulator, simulated, runs, gyro)
         warnings: list[Message] = []
         alignment: tuple[Alignment, ...] = ()

@@ -275,6 +275,29 @@ def _clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float
     )
 
 
+_READINGS: Final = {
+    "angle": "the gyro does not follow it: {instead} is used instead, which it follows at least twice as closely",
+    "middle": "as where it is read in the middle of each sample",
+    "instant": "as where it is the rate at the end of each sample and no mean",
+}
+_IN_TIME: Final = 0.05  # of a sample
+
+
+def _time_stamp_convention(
+    run: str, column: str, means: str, instead: str, late_samples: float, sd_samples: float, left_out: float
+) -> str:
+    how = _READINGS[means].format(instead=instead)
+    if abs(late_samples) < _IN_TIME:
+        return f"{run}: {column} is in time, but {how}."
+    by = "late" if late_samples > 0.0 else "ahead"
+    size = estimate_text(abs(late_samples), sd_samples, "of a sample")
+    lost = f" {percent_text(left_out)} of the rows do not tell how the table turned, and are left out." if left_out else ""
+    return (
+        f"{run}: {column} is {by} against the gyro by {size}, {how}. That is how it was recorded, or a delay of just as much, and "
+        f"no physics of the gyro.{lost}"
+    )
+
+
 def _identity(column: str, output_is: str) -> str:
     what = "its rate of change" if output_is == "rate" else "its integral over time"
     laws = "laws of its memory" if output_is == "rate" else "laws of it"
@@ -341,6 +364,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.strength_by_run": _strength_by_run,
     "diagnosis.amplitude_by_run": _amplitude_by_run,
     "diagnosis.clock_of_all_runs": _clock_of_all_runs,
+    "diagnosis.time_stamp_convention": _time_stamp_convention,
     "diagnosis.identity": _identity,
     "diagnosis.simulation_scaled": _simulation_scaled,
     "diagnosis.no_clock": _no_clock,
