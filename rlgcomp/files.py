@@ -105,8 +105,8 @@ def _require_still(path: str | Path, writes: Sequence[str], made: Path) -> None:
     except InputError as error:
         saved = Path(tempfile.mkdtemp(prefix=f"{Path(path).resolve().name}.", dir=made.parent.parent))
         os.replace(made, saved)
-        for beside in made.parent.iterdir():
-            os.replace(beside, saved / beside.name)
+        for companion in made.parent.iterdir():
+            os.replace(companion, saved / companion.name)
         raise InputError(f"{error}; what was made lies in {saved}") from None
 
 
