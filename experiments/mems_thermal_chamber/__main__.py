@@ -25,6 +25,7 @@ CANDIDATES = (
     ("dynamic", "all"),
     ("lssvm", "temperature"),
     ("lssvm", "all"),
+    ("lssvm-dynamic", "all"),
 )
 CUBIC = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
 
