@@ -22,7 +22,6 @@ from typing import Any, ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
-from sphinx import addnodes
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
@@ -74,12 +73,18 @@ class Executed(SphinxDirective):
         return [nodes.image(uri=self._kept(folder, name), alt=alt) for name in self.options.get("figures", "").split()]
 
     def _pages(self, folder: Path) -> list[nodes.Node]:
-        shown = []
+        """Links to pages, which are copied beside the site's own."""
+        shown: list[nodes.Node] = []
+        up = "../" * self.env.docname.count("/")
         for name in self.options.get("pages", "").split():
-            reference = addnodes.download_reference(
-                "", "", reftarget=self._kept(folder, name), refdoc=self.env.docname, refdomain=""
-            )
-            reference += nodes.literal(name, name)
+            place = f"pages/{self.env.docname}/{name}"
+            target = Path(self.env.app.outdir) / place
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if not (folder / name).is_file():
+                logger.warning("a block did not make %s", name, location=self.get_location())
+                continue
+            shutil.copyfile(folder / name, target)
+            reference = nodes.reference("", "", nodes.literal(name, name), refuri=f"{up}{place}", internal=False)
             shown.append(nodes.paragraph("", "The page: ", reference, classes=["made-page"]))
         return shown
 
