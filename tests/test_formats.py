@@ -93,6 +93,22 @@ def test_a_wrong_mapping_is_refused(tmp_path: Path, columns: dict[str, str], mes
         rlg.read(tmp_path / "lab.csv", columns=columns)
 
 
+def test_a_unit_other_than_that_of_the_header_is_asked_about(tmp_path: Path) -> None:
+    pd.DataFrame({"t": [0, 1, 2], "w [deg/h]": [1.0, 2.0, 1.5], "T1 [K]": [293.15, 294.15, 295.15]}).to_csv(
+        tmp_path / "lab.csv", index=False
+    )
+    columns = {"time_s": "t", "gyro_deg_h": "w"}
+
+    def temperatures(source: str) -> list[float]:
+        read = rlg.read(tmp_path / "lab.csv", columns=columns | {"temperature_block_degC": source})
+        return list(read.column("temperature_block_degC"))
+
+    with pytest.raises(rlg.InputError, match=r"states degC, and the column is 'T1 \[K\]'"):
+        temperatures("T1 [degC]")
+    assert temperatures("T1") == temperatures("T1 [K]") == pytest.approx([20.0, 21.0, 22.0])
+    assert temperatures("T1 [K] [degC]") == pytest.approx([293.15, 294.15, 295.15])  # where the header is wrong
+
+
 def test_separators_comments_and_blanks(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("# made by hand\ntime_s; gyro_deg_h\n0; 1.5\n1; 2.5\n2; 2.0\n3; 1.0\n")
     (tmp_path / "b.txt").write_text("time_s\tgyro_deg_h\n0\t1.5\n1\t2.5\n2\t2.0\n3\t1.0\n")

@@ -287,7 +287,14 @@ def _find(columns: list[str], text: str, name: str) -> Source:
     column = _column_of(columns, stem) or _column_of(columns, text)
     if column is None:
         raise InputError(f"{name}: no column {text!r} to map; the columns are {', '.join(columns)}")
-    return Source(column, unit if unit is not None else units.header_unit(column)[1], factor, shift)
+    own = units.header_unit(column)[1]
+    stated = unit is not None and factor == 1.0 and stem != column
+    if stated and own is not None and units.is_unit(own) and not _same_unit(str(unit), own):
+        raise InputError(
+            f"{name}: {text!r} states {unit}, and the column is {column!r}; write '{column}' to read it in {own}, or "
+            f"'{column} [{unit}]' where its header is wrong"
+        )
+    return Source(column, unit if unit is not None else own, factor, shift)
 
 
 def _column_of(columns: list[str], stem: str) -> str | None:
