@@ -224,24 +224,6 @@ def value_and_sd(value: float, sd: float) -> tuple[str, str]:
     return f"{round(value, decimals) + 0.0:.{decimals}f}", f"{sd:.{decimals}f}"
 
 
-def value_or_limit(value: float, sd: float, upper_limit: float | None) -> str:
-    """A value with its standard error to two digits, or its 95 % upper limit where it has one.
-
-    Parameters
-    ----------
-    value, sd : float
-    upper_limit : float, optional
-        The 95 % limit, of a value that does not differ from zero.
-
-    Examples
-    --------
-    >>> value_or_limit(0.5, 0.0127, None), value_or_limit(0.002, 0.001, 0.0031)
-    ('0.5 ± 0.013', '< 0.0031 (95 %)')
-    """
-    digits = float(f"{sd if upper_limit is None else upper_limit:.2g}")
-    return f"{value:.3g} ± {digits:g}" if upper_limit is None else f"< {digits:g} (95 %)"
-
-
 def column_unit(column: str) -> str | None:
     """Unit that a column's name ends in, or None where it ends in none that is known.
 

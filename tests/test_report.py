@@ -66,6 +66,16 @@ def test_page_and_data_are_written_together(evaluation: rlg.Evaluation, trained:
     assert json.loads((tmp_path / "evaluation.json").read_text())["runs"][0]["run"] == "short-3"
 
 
+def test_recordings_without_notes_unit_and_latitude_have_their_page(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path
+) -> None:
+    bare = [rlg.recording(run.table) for run in short_runs]
+    assert not bare[2].metadata.notes
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="light_intensity").fit(bare[:2])
+    write_report(tmp_path, rlg.evaluate(model, bare[2:], compare=False), model, tested=[run.metadata for run in bare[2:]])
+    assert "not stated" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_the_same_evaluation_gives_the_same_picture(evaluation: rlg.Evaluation) -> None:
     trace = evaluation.traces[0]
     assert figures.over_time(trace, 0.002) == figures.over_time(trace, 0.002)

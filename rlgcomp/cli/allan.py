@@ -45,7 +45,7 @@ def allan(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="DIR", help="Folder for allan.csv, coefficients.json and allan.png, replaced as a whole."
+            "--out", "-o", metavar="DIR", help="Folder for report.html, allan.csv, coefficients.json and allan.png, replaced as a whole."
         ),
     ] = None,
     to: Annotated[
@@ -115,7 +115,7 @@ def allan(
     for analysis in analyses:
         _show(analysis)
     if out is not None:
-        notify(f"{out / 'allan.png'}: written, with allan.csv and coefficients.json")
+        notify(f"{out / 'report.html'}: written, with allan.csv, coefficients.json and allan.png beside it")
 
 
 def _in_pieces(

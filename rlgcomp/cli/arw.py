@@ -97,7 +97,8 @@ def _row(one: Any) -> dict[str, Any]:
 
 
 def _in_units(one: Any) -> dict[str, Any]:
-    from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS, value_or_limit
+    from rlgcomp.report.messages.wording import value_or_limit
+    from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS
 
     value, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
     texts = {unit: value_or_limit(factor * value, factor * sd, None) for unit, factor in ANGLE_RANDOM_WALK_UNITS.items()}

@@ -145,11 +145,12 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> Pi
         logarithmic(axes, "Allan deviation in deg/h")
         axes.set_title("Allan deviation")
         legend(axes)
+        runs = "one run" if len(traces) == 1 else f"{len(traces)} runs"
         return picture(
             figure,
             "allan",
             "Allan deviation before and after",
-            f"Deviation in deg/h against averaging time in s, of {len(traces)} run(s); dashed: the noise floor, "
+            f"Deviation in deg/h against averaging time in s, of {runs}; dashed: the noise floor, "
             f"{floor_deg_h:.3g} deg/h at {averaging_s:g} s",
         )
 

@@ -158,14 +158,14 @@ def _next(evaluation: EvaluationRecord) -> str:
 
 
 def _trained_on(runs: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "run": [run["run"] for run in runs],
-            "unit": [run["unit"] or "" for run in runs],
-            "hours": [f"{run['hours']:.2f}" for run in runs],
-            "programme": [(run.get("notes") or {}).get("programme") or "" for run in runs],
-        }
-    )
+    """What is known of the runs; a column without entries is left out."""
+    columns = {
+        "run": [run["run"] for run in runs],
+        "unit": [run.get("unit") or "" for run in runs],
+        "hours": [f"{run['hours']:.2f}" for run in runs],
+        "programme": [(run.get("notes") or {}).get("programme") or "" for run in runs],
+    }
+    return pd.DataFrame({name: values for name, values in columns.items() if any(values)})
 
 
 def _run_table(evaluation: EvaluationRecord) -> pd.DataFrame:

@@ -31,7 +31,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from rlgcomp.errors import InputError
-from rlgcomp.units import value_or_limit
+from rlgcomp.report.messages.wording import value_or_limit
 
 Array = npt.NDArray[np.float64]
 NOISES: Final = ("angle_random_walk", "bias_instability", "rate_random_walk", "quantization", "dither_residual")
@@ -74,7 +74,7 @@ def coefficient_text(value: float, sd: float) -> str:
     """A coefficient with its standard error, its upper limit where it is not detected, or that the curve cannot show it.
 
     >>> coefficient_text(0.5, 0.01), coefficient_text(0.002, 0.001), coefficient_text(0.0, math.inf)
-    ('0.5 ± 0.01', '< 0.003 (95 %)', 'not observable')
+    ('0.500 ± 0.010', '< 0.003 (95 %)', 'not observable')
     """
     return value_or_limit(value, sd, upper_limit(value, sd)) if math.isfinite(sd) else "not observable"
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rlgcomp.noise.analysis import NoiseAnalysis
 from rlgcomp.noise.processes import coefficient_text
 from rlgcomp.report.drawing import STYLE, WIDTH_IN
-from rlgcomp.report.messages.wording import estimate_text, time_text
+from rlgcomp.report.messages.wording import time_text
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture, png
 
@@ -62,9 +62,7 @@ def allan_page(analyses: Sequence[NoiseAnalysis], title: str) -> Results:
 
 def _angle_random_walk(one: NoiseAnalysis) -> str:
     """N with its error, or its limit, without unit."""
-    value, sd = one.coefficients.angle_random_walk_deg_sqrt_h, one.coefficients.angle_random_walk_deg_sqrt_h_sd
-    limited = coefficient_text(value, sd)
-    return estimate_text(value, sd, "") if "±" in limited else limited
+    return coefficient_text(one.coefficients.angle_random_walk_deg_sqrt_h, one.coefficients.angle_random_walk_deg_sqrt_h_sd)
 
 
 def _section(one: NoiseAnalysis) -> Section:

@@ -11,12 +11,16 @@ def _ardupilot_constant(bias_rad_s: dict[str, float]) -> str:
     return f"ArduPilot takes the constant from its own gyro calibration, so the bias at 35 degC is not in the file: {constants}."
 
 
+def _smallest(centres: int) -> str:
+    return f"The smallest model within 1 % of the best on the curve has {centres} centre{'' if centres == 1 else 's'}."
+
+
 TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "export.toolchain_not_requested": "{toolchain}: skipped, as requested",
     "export.toolchain_missing": "{toolchain}: skipped, {program} is not installed",
     "export.toolchain_broken": "{toolchain}: installed, but a trivial program cannot be built and run: {reason}",
     "export.not_compiled": "The code was not compiled: no working C compiler was found. It is unverified on this machine.",
-    "export.smallest_within_1_percent": "The smallest model within 1 % of the best on the curve has {centres} centres.",
+    "export.smallest_within_1_percent": _smallest,
     "export.not_compared": 'not compared with Python: onnxruntime is not installed; pip install "rlgcomp[onnx]"',
     "export.autopilot_range": "The cubics hold from {low_degC:.4g} to {high_degC:.4g} degC; beyond, the autopilot "
     "takes the value at the end. Its own thermometer must read as these did.",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from rlgcomp.report.messages.wording import estimate_text
-from rlgcomp.units import value_or_limit
+from rlgcomp.report.messages.wording import value_or_limit
 
 # Phrase around each coefficient with its value, by name
 _INDICATED: Final = {

@@ -118,6 +118,27 @@ def estimate_text(value: float, sd: float, unit: str) -> str:
     return f"({number} ± {error})·10{str(power).translate(_RAISED)} {unit}".rstrip()
 
 
+def value_or_limit(value: float, sd: float, upper_limit: float | None) -> str:
+    """A value with its standard error, or its 95 % upper limit where it has one.
+
+    Parameters
+    ----------
+    value, sd : float
+    upper_limit : float, optional
+        The 95 % limit, of a value that does not differ from zero.
+
+    Examples
+    --------
+    >>> value_or_limit(0.5, 0.0127, None), value_or_limit(6.3e-6, 1.2e-7, None), value_or_limit(0.002, 0.001, 0.0031)
+    ('0.500 ± 0.013', '(6.30 ± 0.12)·10⁻⁶', '< 0.0031 (95 %)')
+    """
+    if upper_limit is None:
+        return estimate_text(value, sd, "1")
+    mantissa, power = f"{upper_limit:.1e}".split("e")
+    plain = not upper_limit or _SMALLEST - 1 <= int(power) <= _LARGEST
+    return f"< {float(f'{upper_limit:.2g}'):g} (95 %)" if plain else f"< {mantissa}·10{str(int(power)).translate(_RAISED)} (95 %)"
+
+
 def time_text(time_s: float) -> str:
     """A moment or a length of time in s, min or h; a clock's time where it counts from 1970.
 
