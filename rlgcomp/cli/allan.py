@@ -45,7 +45,10 @@ def allan(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="DIR", help="Folder for report.html, allan.csv, coefficients.json and allan.png, replaced as a whole."
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder for report.html, tables, JSON and figures, replaced as a whole.",
         ),
     ] = None,
     to: Annotated[

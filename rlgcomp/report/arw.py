@@ -52,7 +52,7 @@ def orders(one: AngleRandomWalk) -> Picture:
             figure,
             f"{_stem(one)}-orders",
             f"Harmonics of the table angle, {_name(one)}",
-            f"Amplitude of each order in deg/h; {len(one.harmonics.orders)} are detected and fitted; dashed: six s.d.",
+            f"Amplitude of each order in deg/h; {len(one.harmonics.orders)} detected and fitted; dashed: six s.d.",
         )
 
 

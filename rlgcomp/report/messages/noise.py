@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from rlgcomp.report.messages.wording import estimate_text
-from rlgcomp.report.messages.wording import value_or_limit
+from rlgcomp.report.messages.wording import estimate_text, time_text, value_or_limit
 
 # Phrase around each coefficient with its value, by name
 _INDICATED: Final = {
@@ -24,7 +23,7 @@ def _p(p_value: float) -> str:
 def _segment(slope: float, slope_sd: float, from_s: float, to_s: float, mixed_with: str | None, **rest: Any) -> str:
     del rest
     mixed = f" (mixed with {mixed_with})" if mixed_with else ""
-    return f"slope {estimate_text(slope, slope_sd, '1')} from {from_s:.3g} to {to_s:.3g} s{mixed}"
+    return f"slope {estimate_text(slope, slope_sd, '1')} from {time_text(from_s)} to {time_text(to_s)}{mixed}"
 
 
 def _slope(coefficient: str, value: float, sd: float, upper_limit: float | None, **segment: Any) -> str:
