@@ -234,3 +234,14 @@ def test_parts_that_share_a_few_rows_are_two(run: rlg.Recording) -> None:
     require_held_out([first], [last])
     with pytest.raises(rlg.InputError, match="is given both to train and to test"):
         require_held_out([first], [run.between(0.5 * middle, float(run.time_s[-1]))])
+
+
+def test_a_held_out_run_is_sampled_at_half_the_rate_or_refused_where_no_window_is_full(run: rlg.Recording) -> None:
+    unit = rlg.simulated_unit(1)
+    slower = unit.simulate("short", seed=2, step_s=10.0, name="slower")
+    found = rlg.diagnose(unit, [run], test=[slower], only=["warm_up"], black_box=False)
+    assert found.test is not None
+    assert found.test.improvement == pytest.approx(0.0, abs=0.05)
+    assert found.test.baseline_rms == pytest.approx(found.train.baseline_rms, rel=0.15)  # of means over the same time
+    with pytest.raises(rlg.InputError, match=r"slowest: no window of .* s is full: its samples are 120 s apart"):
+        rlg.diagnose(unit, [run], test=[unit.simulate("short", seed=3, step_s=120.0, name="slowest")], only=["warm_up"])

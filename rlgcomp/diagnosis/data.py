@@ -178,10 +178,11 @@ class Run:
         inside = place < bins
         counts = np.bincount(place[inside] // grid.bins, minlength=windows).astype(np.float64)
         sums = np.bincount(place[inside] // grid.bins, weights=output(binned)[inside], minlength=windows)
+        filled = np.minimum(counts * max(1.0, binned.period_s / grid.bin_s), grid.bins)  # a sample may be longer than a bin
         begins = np.arange(windows) * grid.window_s
-        full = (counts >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
-        full &= ~_stuck(whole, grid, windows, fixed)
-        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / counts[full], readings, whole)
+        full = (filled >= _COVERAGE * grid.bins) & (begins >= history - 1e-6 * grid.bin_s)
+        full &= ~_stuck(whole, grid, windows, fixed) & (binned.period_s <= grid.window_s / _SHORTEST)
+        return cls(binned, grid, bins, full, sums[full] / counts[full], grid.bins / filled[full], readings, whole)
 
     @property
     def name(self) -> str:
@@ -352,8 +353,23 @@ class Data:
         """Length of the longest run in s."""
         return max(run.bins for run in self.runs) * self.runs[0].grid.bin_s
 
+    def require_a_window(self) -> None:
+        """Refuse runs without a window that counts, as where samples are longer than a window.
+
+        Raises
+        ------
+        InputError
+            There is such a run.
+        """
+        for run in self.runs:
+            if not run.full.any():
+                raise InputError(
+                    f"{run.name}: no window of {run.grid.window_s:g} s is full: its samples are {run.recording.period_s:g} s apart and "
+                    f"last for {run.recording.duration_s:g} s; give a longer run, or a larger --averaging-s"
+                )
+
     def require_windows(self) -> None:
-        """Refuse runs of too few windows.
+        """Refuse training runs of too few windows.
 
         Raises
         ------

@@ -125,6 +125,7 @@ def diagnose(
     tell(0.05)
     limits = None if chamber is None else ChamberRange.of(chamber)
     engine = _Engine(runs, candidates, request, gyro, output, window_s, _measured(noise, output), limits)
+    engine.data([*runs.confirm, *runs.test]).require_a_window()
     chosen = engine.posterior([*runs.train, *runs.confirm])
     tell(0.9)
     found = engine.fitted(chosen)
