@@ -256,13 +256,13 @@ def test_a_diagnosis_does_not_replace_its_own_simulator(
     out = tmp_path / "out"
     done = run("diagnose", "--simulator", files / "sim.yaml", "--train", files / "run0.parquet", "--out", out)
     assert done.exit_code == 0, done.output
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     engine.clear()
     done = run("diagnose", "--simulator", out / simulator, "--train", files / "run0.parquet", "--out", out)
     assert done.exit_code == 2, done.output
     assert f"{out / simulator.removesuffix(':gyro')} lies in {out}, which is to be replaced" in done.output
     assert not engine
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
 def test_what_is_wrong_with_a_mechanism_is_said(files: Path, engine: dict[str, Any], tmp_path: Path) -> None:

@@ -364,8 +364,8 @@ class Data:
         for run in self.runs:
             if not run.full.any():
                 raise InputError(
-                    f"{run.name}: no window of {run.grid.window_s:g} s is full: its samples are {run.recording.period_s:g} s apart and "
-                    f"last for {run.recording.duration_s:g} s; give a longer run, or a larger --averaging-s"
+                    f"{run.name}: no window of {run.grid.window_s:g} s is full: its samples are {run.recording.period_s:g} s apart "
+                    f"and last for {run.recording.duration_s:g} s; give a longer run, or a larger --averaging-s"
                 )
 
     def require_windows(self) -> None:

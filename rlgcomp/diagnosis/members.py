@@ -223,4 +223,6 @@ def log_sum(values: Iterable[float]) -> float:
     """Logarithm of a sum of exponentials."""
     found = np.array(list(values))
     top = float(found.max())
+    if top == -math.inf:
+        return top
     return top + math.log(float(np.sum(np.exp(found - top))))

@@ -33,8 +33,8 @@ CLOCK_ODDS: Final = 0.1
 """Odds that the clock of simulated runs is off where no monitor tells it: files begin at power-on or at a pulse."""
 CLOCK_OFFSET: Final = 0.1
 """Largest offset of such a clock over the length of the shortest run: a simulation that is off by more covers another run."""
-WANDER_ODDS: Final = 0.1
-"""Odds that something unrecorded wanders: of the dozen quantities that mechanisms follow, most laboratories record half."""
+WANDER_ODDS: Final = 0.05
+"""Odds that something unrecorded wanders: more usual than any one mechanism, as laboratories record half of what these follow."""
 
 # --- sizes ---------------------------------------------------------------------------------------------------------------------
 

@@ -149,7 +149,7 @@ def _gains(evaluation: EvaluationRecord) -> list[str]:
 
 def _next(evaluation: EvaluationRecord) -> str:
     if not evaluation.held_out:
-        return "Evaluate a run that the model was not trained on."
+        return "Evaluate a run that took no part in its training."
     if any(run.factor_low <= 1.0 for run in evaluation.runs):
         return "Train with a run like the one that does not gain, and evaluate another."
     if any(run.remarks for run in evaluation.runs):
