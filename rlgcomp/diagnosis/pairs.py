@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Member
+from rlgcomp.diagnosis.screen import cholesky_roots
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
@@ -46,20 +47,22 @@ def likeliest_pairs(given: Conditional, forms: Sequence[Form], log_odds: Sequenc
     )
     along = np.concatenate([vector[first], vector[second]], axis=1)
     width = gram.shape[-1]
-    prior = np.array([form.log_share for form in forms]) + np.array(log_odds) + LOG_SIZE
+    of_sizes = np.array([Member(form, 1.0).of_sizes[1::2] for form in forms])
+    prior = (np.array([form.log_share for form in forms]) + np.array(log_odds) + LOG_SIZE)[:, None] + of_sizes
     found: list[tuple[Array, float, float]] = []
-    for one, other in itertools.product(_SIZES, repeat=2):
+    for (j, one), (k, other) in itertools.product(enumerate(_SIZES), repeat=2):
         size = np.r_[np.full(width, one), np.full(width, other)]
-        roots = np.linalg.cholesky(np.eye(2 * width) + products * size * size[:, None])
+        roots = cholesky_roots(np.eye(2 * width) + products * size * size[:, None])
         half = np.linalg.solve(roots, (along * size)[..., None])[..., 0]
         log_det = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
-        found.append((given.of_changes(log_det, np.sum(half**2, axis=1)) + prior[first] + prior[second], one, other))
+        found.append((given.of_changes(log_det, np.sum(half**2, axis=1)) + prior[first, j] + prior[second, k], one, other))
     table = np.array([values for values, _, _ in found])
     at = np.argmax(table, axis=0)
     best = np.max(table, axis=0)
     return [
         (float(best[k]), (Member(forms[first[k]], found[at[k]][1]), Member(forms[second[k]], found[at[k]][2])))
         for k in np.argsort(best)[::-1]
+        if best[k] > -np.inf
     ]
 
 

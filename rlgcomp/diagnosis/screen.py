@@ -282,14 +282,14 @@ def _of_sizes(given: Conditional, shared: Array, both: Array, own: Array, v_shar
     products = (turned[:, :, :, None] * turned[:, :, None, :]).reshape(k, -1)
     schur = np.eye(width) + squares[:, None, None, None] * (own - (share @ products).reshape(-1, f, width, width))
     left = v_own - ((share * along) @ turned.reshape(k, -1)).reshape(-1, f, width)
-    roots = _roots(schur)
+    roots = cholesky_roots(schur)
     half = np.linalg.solve(roots, (priors.SIZES[:, None, None] * left)[..., None])[..., 0]
     log_dets = np.sum(np.log(grown), axis=1)[:, None] + 2.0 * np.sum(np.log(np.diagonal(roots, axis1=2, axis2=3)), axis=2)
     falls = (share @ along**2)[:, None] + np.sum(half**2, axis=2)
     return given.of_changes(log_dets.T, falls.T)
 
 
-def _roots(schur: Array) -> Array:
+def cholesky_roots(schur: Array) -> Array:
     """Cholesky factors of matrices that are at least one, of which rounding may have taken a little."""
     if schur.shape[-1] == 1:
         return np.asarray(np.sqrt(np.maximum(schur, 1.0)))
