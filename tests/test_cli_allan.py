@@ -54,7 +54,7 @@ def static(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_tables_and_sentences(static: Path) -> None:
     result = run(static, "--per-decade", 3)
     assert result.exit_code == 0, result.output
-    for text in ("gyro_x_deg_h", "gyro_y_deg_h", "mean 9.69987", "degrees of freedom", "Five noises", "angle random walk, N 0.000"):
+    for text in ("gyro_x_deg_h", "gyro_y_deg_h", "mean 9.69987", "degrees of freedom", "Five noises", "angle random walk, N ("):
         assert text in result.stdout
 
 

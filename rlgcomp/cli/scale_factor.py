@@ -124,6 +124,8 @@ def _stated(items: list[str]) -> TableErrors:
 
 def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any]]]:
     """Tables by their titles."""
+    from rlgcomp.report.messages.wording import two_digits
+
     tables: dict[str, list[dict[str, Any]]] = {}
     if calibration.factors:
         tables["Conventional scale factor, whole revolutions forwards and back"] = [
@@ -131,9 +133,9 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
                 "rate, deg/s": f"{factor.rate_deg_s:.4g}",
                 "repeats": len(factor.repeats),
                 "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
-                "relative spread": f"{factor.relative_spread:.2g}",
-                "expected of rounding, mark and walk": f"{factor.relative_expected:.2g}",
-                "relative standard error": f"{factor.relative_sd:.2g}",
+                "relative spread": two_digits(factor.relative_spread),
+                "expected of rounding, mark and walk": two_digits(factor.relative_expected),
+                "relative standard error": two_digits(factor.relative_sd),
                 "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
             }
             for factor in calibration.factors
@@ -150,10 +152,10 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
     if calibration.mounting is not None and calibration.budget is not None:
         mounting, budget = calibration.mounting, calibration.budget
         tables[f"Mounting angle from {len(mounting.positions)} positions, standard errors from the {mounting.sd_from}"] = [
-            {"": "theta, arcsec", "value": f"{mounting.theta_arcsec:.3f}", "standard error": f"{mounting.theta_sd_arcsec:.2g}"},
+            {"": "theta, arcsec", "value": f"{mounting.theta_arcsec:.3f}", "standard error": two_digits(mounting.theta_sd_arcsec)},
             {"": "  as printed, eq. (18)", "value": f"{mounting.theta_printed_arcsec:.3f}", "standard error": ""},
-            {"": "beta0, deg", "value": f"{mounting.beta0_deg:.3f}", "standard error": f"{mounting.beta0_sd_deg:.2g}"},
-            {"": "alpha, deg", "value": f"{mounting.alpha_deg:.5f}", "standard error": f"{mounting.alpha_sd_deg:.2g}"},
+            {"": "beta0, deg", "value": f"{mounting.beta0_deg:.3f}", "standard error": two_digits(mounting.beta0_sd_deg)},
+            {"": "alpha, deg", "value": f"{mounting.alpha_deg:.5f}", "standard error": two_digits(mounting.alpha_sd_deg)},
         ]
         tables[f"Error budget of theta, arcsec (bound by eq. 21: {budget.bound_arcsec:.2f} for four positions)"] = [
             {
@@ -168,6 +170,8 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
 
 
 def _show(calibration: ScaleFactorCalibration) -> None:
+    from rlgcomp.report.messages.wording import two_digits
+
     for title, rows in _tables(calibration).items():
         show_table(title, rows)
     if calibration.rates is not None:
@@ -177,9 +181,9 @@ def _show(calibration: ScaleFactorCalibration) -> None:
         sd = "" if math.isnan(fit.lock_in_sd_deg_s) else f" ± {fit.lock_in_sd_deg_s:.1g}"
         show_text(f"- lock-in {fit.lock_in_deg_s:.5f}{sd} deg/s; {fit.assessment}")
     if calibration.mounting is not None and calibration.budget is not None:
-        sd = "" if math.isnan(calibration.relative_sd) else f", relative standard error {calibration.relative_sd:.2g}"
+        sd = "" if math.isnan(calibration.relative_sd) else f", relative standard error {two_digits(calibration.relative_sd)}"
         each = calibration.budget.scale_per_arcsec
-        show_text(f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {each:.2g} of it for an arcsec of theta")
+        show_text(f"K = {calibration.scale_arcsec:.9f} arcsec/pulse{sd}; {two_digits(each)} of it for an arcsec of theta")
     show_remarks(calibration.remarks)
 
 

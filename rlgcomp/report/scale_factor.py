@@ -16,6 +16,7 @@ from rlgcomp.calibration.rate_dependence import LockInFit, RateTable
 from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
 from rlgcomp.report.drawing import FIT, INK, RAW, RESIDUAL, STYLE, WIDTH_IN, legend
 from rlgcomp.report.messages import Message
+from rlgcomp.report.messages.wording import estimate_text, two_digits
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture
 from rlgcomp.units import PPM
@@ -67,7 +68,7 @@ def scale_factor_page(calibration: ScaleFactorCalibration, name: str, tables: Ma
     value, sd = calibration.scale_arcsec, calibration.relative_sd
     whole = math.isfinite(value)
     chosen = calibration.conventional
-    error = f", relative standard error {sd:.2g}" if math.isfinite(sd) else ""
+    error = f", relative standard error {two_digits(sd)}" if math.isfinite(sd) else ""
     if whole:
         answer, shown = (
             f"K = {value:.9f} arcsec/pulse{error}, corrected for the mounting angle.",
@@ -76,7 +77,7 @@ def scale_factor_page(calibration: ScaleFactorCalibration, name: str, tables: Ma
     elif chosen is not None:
         answer = (
             f"The conventional scale factor is {chosen.scale_arcsec:.9f} arcsec/pulse at {chosen.rate_deg_s:.4g} deg/s, relative "
-            f"standard error {chosen.relative_sd:.2g}."
+            f"standard error {two_digits(chosen.relative_sd)}."
         )
         shown = (f"{chosen.scale_arcsec:.9f}", "arcsec/pulse, conventional")
     else:
@@ -110,7 +111,7 @@ def scale_factor_page(calibration: ScaleFactorCalibration, name: str, tables: Ma
 def _mounting(mounting: MountingAngle | None) -> list[tuple[str, str]]:
     if mounting is None:
         return []
-    return [("Mounting angle", f"{mounting.theta_arcsec:.3f} ± {mounting.theta_sd_arcsec:.2g} arcsec")]
+    return [("Mounting angle", estimate_text(mounting.theta_arcsec, mounting.theta_sd_arcsec, "arcsec"))]
 
 
 def _rates(calibration: ScaleFactorCalibration) -> list[Picture]:

@@ -134,9 +134,21 @@ def value_or_limit(value: float, sd: float, upper_limit: float | None) -> str:
     """
     if upper_limit is None:
         return estimate_text(value, sd, "1")
-    mantissa, power = f"{upper_limit:.1e}".split("e")
-    plain = not upper_limit or _SMALLEST - 1 <= int(power) <= _LARGEST
-    return f"< {float(f'{upper_limit:.2g}'):g} (95 %)" if plain else f"< {mantissa}·10{str(int(power)).translate(_RAISED)} (95 %)"
+    return f"< {two_digits(upper_limit)} (95 %)"
+
+
+def two_digits(value: float) -> str:
+    """A positive number, such as a standard error, to two digits.
+
+    >>> two_digits(0.32), two_digits(0.00083), two_digits(7.7e-9), two_digits(0.0)
+    ('0.32', '0.00083', '7.7·10⁻⁹', '0')
+    """
+    if not (math.isfinite(value) and value > 0.0):
+        return f"{value:g}"
+    mantissa, power = f"{value:.1e}".split("e")
+    if _SMALLEST - 1 <= int(power) <= _LARGEST:
+        return f"{float(f'{value:.2g}'):g}"
+    return f"{mantissa}·10{str(int(power)).translate(_RAISED)}"
 
 
 def time_text(time_s: float) -> str:
