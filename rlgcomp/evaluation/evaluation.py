@@ -180,6 +180,14 @@ def evaluate(
     )
 
 
+def _out_of_range_inputs(compensator: Compensator, run: Recording) -> tuple[str, ...]:
+    """Inputs that leave their training range, the most frequent first."""
+    inputs, scaling = compensator.pipeline_.transform(run).to_numpy()[run.scored], compensator.scaling_
+    share = ((inputs < scaling.low) | (inputs > scaling.high))[:, scaling.ranged].mean(axis=0)
+    names = np.array(compensator.pipeline_.names)[scaling.ranged]
+    return tuple(str(names[k]) for k in np.argsort(-share, kind="stable") if share[k] > 0.0)
+
+
 def _evaluate_run(compensator: Compensator, run: Recording, offset_s: float | None) -> tuple[RunResult, Trace]:
     predicted = compensator.predict(run, offset_s=offset_s)
     averaged = run.averaged(compensator.averaging_s, extra=predicted.astype(np.float64))
@@ -210,6 +218,7 @@ def _evaluate_run(compensator: Compensator, run: Recording, offset_s: float | No
         out_of_range=float(predicted["out_of_range"][samples].mean()),
         in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
         trained_on=trained_on(compensator, own) or _holds_training(compensator, run),
+        out_of_range_inputs=_out_of_range_inputs(compensator, run),
     )
     try:
         temperature = averaged.column(run.temperature_column)

@@ -41,6 +41,8 @@ class RunResult:
         Share of averages within the interval about the estimated bias, which promises 90 %.
     trained_on : bool
         Averages of it are among those that the compensation was trained on.
+    out_of_range_inputs : tuple of str
+        Inputs that leave their training range, the most frequent first.
     """
 
     run: str
@@ -56,6 +58,7 @@ class RunResult:
     out_of_range: float
     in_interval: float
     trained_on: bool
+    out_of_range_inputs: tuple[str, ...] = ()
 
     @property
     def floor_ratio(self) -> float:
@@ -74,7 +77,8 @@ class RunResult:
         if abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
             remarks.append(message("evaluation.offset", run=self.run, mean_deg_h=self.residual_mean_deg_h))
         if self.out_of_range > OFTEN_OUT_OF_RANGE:
-            remarks.append(message("evaluation.out_of_range", run=self.run, percent=100.0 * self.out_of_range))
+            inputs = list(self.out_of_range_inputs)
+            remarks.append(message("evaluation.out_of_range", run=self.run, percent=100.0 * self.out_of_range, inputs=inputs))
         return tuple(remarks)
 
 
@@ -168,7 +172,8 @@ class EvaluationRecord:
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run."""
-        return pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
+        table = pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
+        return table.drop(columns="out_of_range_inputs")
 
     def to_mapping(self) -> dict[str, Any]:
         """Everything as plain data."""
