@@ -13,6 +13,7 @@ import numpy as np
 
 from rlgcomp.numerics.filters import rate_window_s, read_noise
 from rlgcomp.numerics.hysteresis import STARTS, Preisach
+from rlgcomp.numerics.relays import STARTS as LAW_STARTS
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
 from rlgcomp.physics.discharge_imbalance import DischargeImbalance
@@ -24,7 +25,6 @@ from rlgcomp.physics.periodic_interference import PeriodicInterference
 from rlgcomp.physics.rate_asymmetry import RateAsymmetry
 from rlgcomp.physics.readout_incoherence import ReadoutIncoherence
 from rlgcomp.physics.supply_voltage import SupplyVoltage
-from rlgcomp.physics.tabulated_law import STARTS as LAW_STARTS
 from rlgcomp.physics.tabulated_law import TabulatedLaw
 from rlgcomp.physics.temperature_rate import TemperatureRate
 from rlgcomp.physics.thermal_gradient import ThermalGradient

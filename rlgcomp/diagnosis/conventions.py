@@ -30,7 +30,7 @@ _STANDS_OUT: Final = 12.0  # times its median, the same
 def with_mean_rates(runs: Sequence[Recording], gyro: str | None) -> tuple[list[Recording], list[Message]]:
     """Turntable runs with the rate that the gyro's samples belong to, and a message on each that was recorded in another way."""
     pairs = [_with_mean_rate(run, gyro) for run in runs]
-    return [run for run, _ in pairs], [told for _, told in pairs if told is not None]
+    return [run for run, _ in pairs], [remark for _, remark in pairs if remark is not None]
 
 
 def _with_mean_rate(run: Recording, gyro: str | None) -> tuple[Recording, Message | None]:
@@ -41,8 +41,8 @@ def _with_mean_rate(run: Recording, gyro: str | None) -> tuple[Recording, Messag
     reading = reading_of(run, gyro_deg_h)
     if reading.means not in _OTHER or (reading.means == "angle" and RATE not in run):
         return run, None
-    told = _told(reading, gyro_deg_h)
-    table = run.table.assign(**{RATE: reading.rate_deg_s})[told].reset_index(drop=True)
+    readable = _readable(reading, gyro_deg_h)
+    table = run.table.assign(**{RATE: reading.rate_deg_s})[readable].reset_index(drop=True)
     late, sd = delay_in_samples(run, rate_deg_s(run), gyro_deg_h)
     angle = next((column for column in ANGLES if column in run), RATE)
     remark = message(
@@ -53,12 +53,12 @@ def _with_mean_rate(run: Recording, gyro: str | None) -> tuple[Recording, Messag
         instead=angle,
         late_samples=late,
         sd_samples=sd,
-        left_out=float(np.mean(~told)),
+        left_out=float(np.mean(~readable)),
     )
     return run.replace(table=table, truth=None), remark
 
 
-def _told(reading: Reading, gyro_deg_h: Array) -> npt.NDArray[np.bool_]:
+def _readable(reading: Reading, gyro_deg_h: Array) -> npt.NDArray[np.bool_]:
     """Rows of which a reading tells the mean rate as well as the gyro could."""
     finite = np.isfinite(reading.interpolation_error_deg_s)
     design = np.column_stack([np.ones(len(finite)), reading.rate_deg_s])[finite]

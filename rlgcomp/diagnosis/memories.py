@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Final, Literal, Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +15,13 @@ from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, lagged
 from rlgcomp.numerics.hysteresis import play_paths
-from rlgcomp.numerics.relays import relay_states
+from rlgcomp.numerics.relays import STARTS, Start, relay_states, states_before
 
 Array = npt.NDArray[np.float64]
-Start = Literal["rested", "below", "above", "unknown"]
-STARTS: Final[dict[Start, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0, "unknown": 0.0}
 SIDES: Final[tuple[Start, ...]] = ("rested", "below", "above")
 _OTHER_HISTORY: Final = 0.25  # of a polishing step, from which on other histories are tried
 PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
+_KNOTS: Final = 24  # of a smooth density, along the middles of loops and along their widths
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
@@ -275,10 +274,10 @@ def _densities(radius: float, free: bool, width: float, levels: int) -> Array:
     if not free:
         return weights
     middles, widths = 0.5 * (up + down), up - down
-    one = kernel_root(kernel(np.linspace(-PLANE, PLANE, 24) / width))
-    other = kernel_root(kernel(np.linspace(0.0, 2.0 * PLANE, 24) / width))
-    of_middle = np.column_stack([np.interp(middles, np.linspace(-PLANE, PLANE, 24), column) for column in one.T])
-    of_width = np.column_stack([np.interp(widths, np.linspace(0.0, 2.0 * PLANE, 24), column) for column in other.T])
+    of_middle, of_width = (
+        np.column_stack([np.interp(places, knots, column) for column in kernel_root(kernel(knots / width)).T])
+        for places, knots in ((middles, np.linspace(-PLANE, PLANE, _KNOTS)), (widths, np.linspace(0.0, 2.0 * PLANE, _KNOTS)))
+    )
     both = (of_middle[:, :, None] * of_width[:, None, :]).reshape(len(up), -1)
     sizes = np.sum(both**2, axis=0)
     return np.asarray(weights * both[:, sizes > _SMALL * sizes.max()])
@@ -305,7 +304,4 @@ def dense(count: int) -> tuple[Array, Array]:
 
 def relays(values: Array, up: Array, down: Array, start: Start) -> Array:
     """States of relays, 0 or 1, shape (bins, relays); 0.5 until the run decides where its history is unknown."""
-    if start == "unknown":
-        return relay_states(values, up, down, np.full(len(up), 0.5))
-    level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
-    return relay_states(values, up, down, (values[0] >= level).astype(np.float64))
+    return relay_states(values, up, down, states_before(values[0], up, down, start))

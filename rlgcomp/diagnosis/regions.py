@@ -146,10 +146,14 @@ def _gradients(setting: Setting) -> list[Family]:
     return families
 
 
+def _departures_of_loops(driver: Driver, levels: int) -> tuple[Basis, ...]:
+    return Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.25, 14)
+
+
 def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[Family]:
     up, down = plane(priors.RELAY_LEVELS, 1.0)
     every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
-    kin = Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.25, 14)
+    kin = _departures_of_loops(driver, levels)
     shapes: list[tuple[str, list[Basis]]] = [
         ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
         ("b = play(u; radius) - u", [Plays(driver, r, False) for r in priors.RADII]),
@@ -172,7 +176,7 @@ def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[F
 
 def _hysteresis(setting: Setting) -> list[Family]:
     driver = setting.temperature
-    kin = Preisach(driver, 0.7, True, 1.0, priors.PREISACH_LEVELS), Smooth(setting.thermal, 0.25, 14)
+    kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
     single = [(relay,) for relay in _single_relays(setting)]
     families = _hysteresis_of(driver, setting.names, priors.PREISACH_LEVELS)
     return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]

@@ -65,21 +65,21 @@ def term_code(
     return _Writer(term, place, slot, relay, monitor, number).code()
 
 
+@dataclasses.dataclass
 class _Writer:
-    def __init__(
-        self,
-        term: PhysicsTerm,
-        place: int,
-        slot: int,
-        relay: int,
-        monitor: Callable[[str], str],
-        number: Callable[[float], str],
-    ) -> None:
-        self.term, self.place, self.slot, self.relay, self.monitor, self.number = term, place, slot, relay, monitor, number
-        self.begins: list[str] = []
-        self.tables: list[tuple[str, tuple[float, ...]]] = []
-        self.helpers: set[str] = set()
-        self.slots = self.relays = self.filters = self.operators = 0
+    term: PhysicsTerm
+    place: int
+    slot: int
+    relay: int
+    monitor: Callable[[str], str]
+    number: Callable[[float], str]
+    begins: list[str] = dataclasses.field(default_factory=list)
+    tables: list[tuple[str, tuple[float, ...]]] = dataclasses.field(default_factory=list)
+    helpers: set[str] = dataclasses.field(default_factory=set)
+    slots: int = 0
+    relays: int = 0
+    filters: int = 0
+    operators: int = 0
 
     def code(self) -> TermCode:
         term = self.term

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Final, Literal
+
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
+Start = Literal["rested", "below", "above", "unknown"]
+STARTS: Final[dict[str, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0, "unknown": 0.0}
+"""From where an input came to its first value; the sign of its motion, which shifts the first value of a play by a radius."""
 
 
 def relay_states(values: Array, up: Array, down: Array, first: Array) -> Array:
@@ -32,6 +37,14 @@ def relay_states(values: Array, up: Array, down: Array, first: Array) -> Array:
     states = np.empty((len(values), len(up)))
     _fill(np.ascontiguousarray(values), up, down, first, states)
     return states
+
+
+def states_before(first: float, up: Array, down: Array, start: str) -> Array:
+    """States of relays before a first input: after a rest the nearer threshold decides, half on where nothing is known."""
+    if start == "unknown":
+        return np.full(len(up), 0.5)
+    level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
+    return np.asarray(first >= level, dtype=np.float64)
 
 
 @compiled()

@@ -12,7 +12,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import play_paths
 from rlgcomp.numerics.readings import Readings
-from rlgcomp.numerics.relays import relay_states
+from rlgcomp.numerics.relays import STARTS, relay_states, states_before
 from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
@@ -21,7 +21,6 @@ from rlgcomp.units import column_unit
 COMBINATIONS: Final = ("column", "difference", "contrast")
 MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "product", "time", "wave", "growing wave")
 CHANGES: Final = ("none", "derivative", "glitch")
-STARTS: Final = {"rested": 0.0, "below": 1.0, "above": -1.0, "unknown": 0.0}
 FUNCTIONS: Final = ("none", "rate", "lag")  # memories whose table is a function of one number
 _DRIVERLESS: Final = ("time", "wave", "growing wave")
 _ALWAYS: Final = ("memory", "knots", "weights")
@@ -142,10 +141,7 @@ class TabulatedLaw(Mechanism):
                 return play_paths(u[:, None], knots, u[0] - STARTS[self.start] * knots) - u[:, None], weights
             case "relays":
                 down = np.array(self.knots_2)
-                if self.start == "unknown":  # half on, until the run decides
-                    return relay_states(u, knots, down, np.full(len(knots), 0.5)), weights
-                level = {"rested": 0.5 * (knots + down), "below": knots, "above": down}[self.start]
-                return relay_states(u, knots, down, (u[0] >= level).astype(np.float64)), weights
+                return relay_states(u, knots, down, states_before(u[0], knots, down, self.start)), weights
         return self._interpolated(self._remembered(u, t))[:, None], np.ones(1)
 
     def _remembered(self, u: Array, t: Array) -> Array:

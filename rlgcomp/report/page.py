@@ -123,8 +123,8 @@ class Results:
         figures : path, optional
             Folder in which each figure is saved as well.
         """
-        beside = sorted(file for file in path.parent.iterdir() if file.is_file()) if figures is not None else []
-        write_text(path, self.render(made, tested, digests(made, beside)))
+        companions = sorted(file for file in path.parent.iterdir() if file.is_file()) if figures is not None else []
+        write_text(path, self.render(made, tested, digests(made, companions)))
         if figures is not None:
             save_pictures(figures, self.pictures)
 
