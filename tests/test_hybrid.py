@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,6 +20,7 @@ from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.known_physics import LEARNT, known_physics
 from rlgcomp.compensation.models.lssvm import WITHOUT_KERNEL
 from rlgcomp.export import toolchain as tools
+from rlgcomp.export.c_source import physics_bytes
 from rlgcomp.export.target import Options, export
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.mode_hop import ModeHop
@@ -309,6 +311,32 @@ def test_every_sample_of_the_c_agrees(
     assert all(check["share"] <= 1.0 for check in checks)
     assert (made.summary["centres"] > 0) == kernel
     assert made.summary["state_bytes"] > 0
+
+
+def test_the_budget_of_tables_holds_those_of_known_physics(
+    hybrids: dict[str, rlg.Compensator], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tools, "TOOLCHAINS", ())
+    model = rlg.Compensator()
+    model.__dict__.update(hybrids["laws"].__dict__)
+    X, y, _ = model.training_rows()
+    model.model_ = rlg.LSSVMRegressor(c=100.0, sigma=0.5, linear=model.scaling_.linear).fit(X, y)
+    model.save(tmp_path / "model")
+    physics = physics_bytes(model.pipeline_, "double")
+    assert physics > 400
+    whole = export(tmp_path / "model", tmp_path / "whole", "c", Options(board=False)).summary
+    budget = whole["table_bytes"] - 1000
+    small = export(tmp_path / "model", tmp_path / "small", "c", Options(board=False, max_bytes=budget))
+    assert small.summary["table_bytes"] <= budget
+    assert 0 < small.summary["centres"] < whole["centres"]
+    sizes = small.curve.set_index("centres")["table_bytes"]
+    assert sizes[small.summary["centres"]] == small.summary["table_bytes"]
+    text = (tmp_path / "small" / "model.c").read_text(encoding="ascii")
+    tables = re.sub(r"/\*.*?\*/", "", text[text.index("static const real LOW") : text.index("/* Infinity")], flags=re.DOTALL)
+    bodies = re.findall(r"= (\{.*?\});", tables, flags=re.DOTALL)
+    assert small.summary["table_bytes"] == 8 * sum(len(re.findall(r"[^{},\s]+", body)) for body in bodies)
+    with pytest.raises(rlg.InputError, match=f"fewer mechanisms in --physics, whose tables take {physics} of them"):
+        export(tmp_path / "model", tmp_path / "out", "c", Options(board=False, max_bytes=physics))
 
 
 @pytest.mark.skipif(tools.TOOLCHAINS[-1].missing is not None, reason="no emulated Cortex-M4")

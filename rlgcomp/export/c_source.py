@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 import rlgcomp
 from rlgcomp.compensation.compensator import Compensator
+from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.features import ReadoutDifference
 from rlgcomp.compensation.models.specification import parameters_of
 from rlgcomp.compensation.physics_terms import PhysicsTerm
@@ -108,13 +109,18 @@ class Design:
     @property
     def table_bytes(self) -> int:
         """Bytes of the constant tables."""
-        terms = feature_code(self.compensator.pipeline_, "", self.precision, str).terms
-        physics = sum(len(values) for term in terms for _, values in term.tables) + 4 * len(terms)
-        return table_bytes(self.expansion, len(self.expansion.weights), self.precision) + BYTES[self.precision] * physics
+        physics = physics_bytes(self.compensator.pipeline_, self.precision)
+        return table_bytes(self.expansion, len(self.expansion.weights), self.precision) + physics
+
+
+def physics_bytes(pipeline: FeatureRecipe, precision: Precision) -> int:
+    """Bytes of the constant tables of known physics, which every number of centres needs."""
+    terms = feature_code(pipeline, "", precision, str).terms
+    return BYTES[precision] * (sum(len(values) for term in terms for _, values in term.tables) + 4 * len(terms))
 
 
 def table_bytes(expansion: Expansion, centres: int, precision: Precision) -> int:
-    """Bytes of the constant tables with so many centres, the last block filled up.
+    """Bytes of the constant tables of what is learnt, with so many centres, the last block filled up.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.evaluation import trained_on
-from rlgcomp.export.c_source import table_bytes
+from rlgcomp.export.c_source import physics_bytes, table_bytes
 from rlgcomp.export.expansion import Expansion, expansion_of, expansion_of_model
 from rlgcomp.export.target import Options
 from rlgcomp.recording import Recording
@@ -69,27 +69,33 @@ def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple
     """
     centres = len(whole.weights)
     limit = centres if options.max_centres is None else min(centres, options.max_centres)
+    physics = physics_bytes(compensator.pipeline_, options.precision)
     if options.max_bytes is not None:
-        limit = _fitting(whole, limit, options)
+        limit = _fitting(whole, limit, options, physics)
     requested = options.smallest or limit < centres
     if not centres or not (requested or options.runs):
         return whole, pd.DataFrame()
     if whole.form == "sigmoid" and not requested:
         return whole, pd.DataFrame()
     curve = size_curve(compensator, options.runs, [limit])
-    curve.insert(1, "table_bytes", [table_bytes(whole, int(m), options.precision) for m in curve["centres"]])
+    curve.insert(1, "table_bytes", [physics + table_bytes(whole, int(m), options.precision) for m in curve["centres"]])
     if options.smallest:
         limit = smallest_within(curve[curve["centres"] <= limit])
     return (whole if limit == centres else reduction_of(compensator).with_centres(limit)), curve
 
 
-def _fitting(whole: Expansion, limit: int, options: Options) -> int:
-    """Most centres, up to a limit, whose tables fit."""
+def _fitting(whole: Expansion, limit: int, options: Options, physics: int) -> int:
+    """Most centres, up to a limit, whose tables fit together with those of known physics."""
     fewest = 0 if whole.form in ("wide", "polynomial") else 1
-    fitting = [m for m in range(fewest, limit + 1) if table_bytes(whole, m, options.precision) <= (options.max_bytes or 0)]
+    budget = (options.max_bytes or 0) - physics
+    fitting = [m for m in range(fewest, limit + 1) if table_bytes(whole, m, options.precision) <= budget]
     if not fitting:
-        least = table_bytes(whole, fewest, options.precision)
-        advice = "try --precision float, or train on fewer --features" if options.precision == "double" else "use fewer --features"
+        least = physics + table_bytes(whole, fewest, options.precision)
+        advice = "use fewer --features"
+        if physics:
+            advice += f", or fewer mechanisms in --physics, whose tables take {physics} of them"
+        elif options.precision == "double":
+            advice = "try --precision float, or train on fewer --features"
         raise InputError(
             f"--max-bytes {options.max_bytes} cannot be met: the smallest tables of this model take {least} bytes in "
             f"{options.precision}; {advice}"
