@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
 
 import rlgcomp as rlg
-from rlgcomp.noise.angle_harmonics import fit_harmonics, spectra, without
+from rlgcomp.noise.angle_harmonics import fit_harmonics, spectra, sums_of_waves, without
 from tests.rotation_runs import angles
 
 
@@ -25,6 +27,25 @@ def test_harmonics_are_recovered_whatever_the_speed(speed_offset: float) -> None
     assert (np.abs(error) < 4.5 * found.sd_deg_h).all()
     left = without(rate, angle, found) - noise
     assert np.sqrt(np.mean(left**2)) < 4.0 * found.sd_deg_h.max()
+
+
+def test_products_of_two_waves_give_the_plain_sums_and_the_plain_fit() -> None:
+    rng, angle = np.random.default_rng(5), angles(12, 3e-4, samples=301)
+    orders = np.arange(1, 101)
+    rate = rng.standard_normal(len(angle)) + 2.0 * np.cos(3.0 * np.radians(angle)) - np.sin(70.0 * np.radians(angle))
+    (spectrum,) = spectra([rate], angle)
+    ends = np.searchsorted((angle - angle[0]) / 360.0, np.arange(13))
+    waves = np.exp(-1j * np.outer(orders, np.radians(angle)))
+    plain = [2.0 / (b - a) * waves[:, a:b] @ rate[a:b] for a, b in itertools.pairwise(ends)]
+    assert np.abs(spectrum.coefficient_deg_h - np.mean(plain, axis=0)).max() < 1e-12
+    chosen = [1, 3, 64, 70, 100]
+    found = fit_harmonics(rate, angle, spectrum, chosen)
+    shared = fit_harmonics(rate, angle, spectrum, chosen, of_waves=sums_of_waves(angle))
+    design = np.vstack([waves[np.array(chosen) - 1].real, waves[np.array(chosen) - 1].imag, np.ones(len(angle))]).T
+    solution = np.linalg.lstsq(design, rate, rcond=None)[0]
+    assert np.abs(found.coefficient_deg_h - (solution[:5] + 1j * solution[5:10])).max() < 1e-12
+    assert np.abs(shared.coefficient_deg_h - found.coefficient_deg_h).max() < 1e-12
+    assert np.abs(without(rate, angle, found) - (rate - design[:, :10] @ solution[:10])).max() < 1e-12
 
 
 @pytest.mark.parametrize("colour", ["white", "random walk"])

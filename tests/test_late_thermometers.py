@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from typing import Any
 
@@ -15,6 +16,7 @@ from rlgcomp.diagnosis.bases import Power
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path, lagged
+from rlgcomp.diagnosis.errors import errors_of
 from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
 from rlgcomp.diagnosis.lateness import Late, Prediction, late_bases, late_form, late_regions, white_noise
 from rlgcomp.diagnosis.noise import Noise
@@ -125,6 +127,21 @@ def test_members_may_be_late_as_well() -> None:
     static = Power(Path(Driver.of(data, "temperature_block_degC")))
     one, other = late_bases(data, region, prediction(((static, np.array([1.0])),)))
     assert np.std(one.columns(data.runs[0])) > 3.0 * np.std(other.columns(data.runs[0]))
+
+
+def test_what_is_made_once_has_the_bits_of_what_is_made_anew() -> None:
+    """Runs with an earlier thermometer and columns of the baseline are kept from prediction to prediction."""
+    data, baseline, _ = parts()
+    (region,) = late_regions(data)
+    static = Power(Path(Driver.of(data, "temperature_block_degC")))
+    halved = Prediction(baseline, 0.5 * prediction().numbers, ())
+    for one in (prediction(), halved, prediction(((static, np.array([1.0])),))):
+        basis = late_bases(data, region, one)[0]
+        errors = errors_of(data, one.values, one.made_of, 0.01)
+        fresh = Data(tuple(dataclasses.replace(run, derived={}, cache={}) for run in data.runs))
+        assert np.array_equal(data.means(basis.columns), fresh.means(basis.columns))
+        anew = errors_of(fresh, one.values, one.made_of, 0.01)
+        assert all(np.array_equal(a, b) for a, b in zip(errors.blocks, anew.blocks, strict=True))
 
 
 def test_white_noise_is_estimated_whatever_is_missing() -> None:

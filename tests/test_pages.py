@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections import Counter
@@ -14,6 +15,7 @@ import pandas as pd
 import pytest
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
 
 from rlgcomp.diagnosis.pictures import draw_scores, scores
@@ -23,7 +25,7 @@ from rlgcomp.report.drawing import STYLE, WIDTH_IN, draw_bars, legend, wrapped
 from rlgcomp.report.messages import CATALOGUE, message
 from rlgcomp.report.messages.consequence import DECISIVE, LIMITING, by_consequence, level
 from rlgcomp.report.page import Picture, Results, Section, in_words, is_page
-from rlgcomp.report.svg import picture
+from rlgcomp.report.svg import picture, svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 LONG = "temperature-cycle_unit-0017_chamber-B_2024-11-17_second-attempt_with-the-new-thermometer_rev.C-final"
@@ -61,6 +63,20 @@ class TestFigures:
         assert title.text == "An <example>"
         texts = {"".join(one.itertext()).strip() for one in root.iter(f"{SVG}text")}
         assert {"time in h", "deg/h", "Example", "a < b", "limit"} <= texts
+
+    def test_a_figure_that_is_drawn_once_is_laid_out_as_by_matplotlib(self) -> None:
+        figure = Figure(figsize=(WIDTH_IN, 4.0), layout="constrained")
+        for axes in figure.subplots(2, 1, sharex=True):
+            axes.loglog([1.0, 30.0], [2e-5, 3e-4], label="a line")
+            axes.set(xlabel="time in s", ylabel="deg/h", title="Example")
+            legend(axes)
+        buffer, options = io.StringIO(), {"svg.fonttype": "none", "svg.hashsalt": "x"}
+        with rc_context(options):
+            drawn = svg(figure, "x")
+            assert isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
+            figure.savefig(buffer, format="svg")
+        paths = [re.findall(r'<path d="([^"]+)"', text) for text in (drawn, buffer.getvalue())]
+        assert paths[0] == paths[1]
 
     def test_the_viewer_knows_place_limits_and_units_of_the_axes(self) -> None:
         root = ElementTree.fromstring(example().svg)  # noqa: S314  made here

@@ -47,7 +47,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from rlgcomp.calibration.revolutions import (
     INNER,
@@ -190,7 +190,7 @@ def mounting_angle(
     sd_from = f"stated errors of the tables ({tables.reading})"
     freedom = len(beta) - 3
     scatter = float(np.sum(residual**2 / variance))
-    if len(beta) >= ENOUGH or (freedom and chi2.sf(scatter, freedom) < IMPLAUSIBLE):
+    if len(beta) >= ENOUGH or (freedom and chdtrc(freedom, scatter) < IMPLAUSIBLE):
         variance = variance * scatter / max(freedom - 2, 1)  # Student's t with so much freedom has this variance
         sd_from = "scatter about the fit"
     covariance = (inverse * variance) @ inverse.T

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from rlgcomp.calibration.scale_factor import ConventionalScaleFactor, sd_of_mean
 from rlgcomp.errors import InputError
@@ -171,7 +171,7 @@ class LockInFit:
             "largest_residual_ppm": float(worst["residual_ppm"]),
             "rate_deg_s": float(worst["rate_deg_s"]),
         }
-        if not self.freedom or chi2.sf(self.chi2, self.freedom) > UNEXPLAINED:
+        if not self.freedom or chdtrc(self.freedom, self.chi2) > UNEXPLAINED:
             return message("calibration.lock_in_explains_the_curve", **fit)
         rates = self.residuals["rate_deg_s"].to_numpy()
         above = self.residuals["mean_ppm"].to_numpy() - float(self.residuals["mean_ppm"].iloc[-1])

@@ -27,8 +27,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.stats import chi2
-from scipy.stats import t as student_t
+from scipy.special import chdtrc, stdtr
 
 from rlgcomp.calibration.revolution_counts import CountsWithinRevolutions
 from rlgcomp.calibration.revolutions import (
@@ -244,7 +243,7 @@ def _outlying_repeats(factor: ConventionalScaleFactor) -> list[Message]:
         others = np.delete(departure, k)
         sd = max(float(others.std(ddof=1)), rounded_ppm) * math.sqrt(1.0 + 1.0 / (n - 1))
         off = departure[k] - float(others.mean())
-        if 2.0 * student_t.sf(abs(off) / sd, n - 2) < FALSE_ALARM / n:
+        if 2.0 * stdtr(n - 2, -abs(off) / sd) < FALSE_ALARM / n:
             remarks.append(
                 message(
                     "calibration.outlying_repeat",
@@ -300,7 +299,7 @@ def _from_pairs(
     spread = float(scale.std(ddof=1)) / abs(mean) if len(scale) > 1 else math.nan
     sd = sd_of_mean(batches) / abs(mean)
     n = len(scale)
-    if n < FEW and (n == 1 or chi2.sf((n - 1) * (spread / expected) ** 2, n - 1) > IMPLAUSIBLE):
+    if n < FEW and (n == 1 or chdtrc(n - 1, (n - 1) * (spread / expected) ** 2) > IMPLAUSIBLE):
         sd = expected / math.sqrt(n)  # counts are whole, and may agree by chance
     walk = abs(mean) * math.sqrt(walk_pulses2_s * SECONDS_PER_HOUR) / ARCSEC_PER_DEG
     return ConventionalScaleFactor(mean, spread, sd, expected, walk, rate, axis, repeats)

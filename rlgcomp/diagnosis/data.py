@@ -12,7 +12,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -134,6 +134,8 @@ class Run:
         As it was recorded, its lead-in part of it.
     kept : dict, optional
         Where given, columns of bases are kept in it.
+    derived : dict
+        What was made of this run and its columns, other runs among it.
     """
 
     binned: Recording
@@ -145,7 +147,8 @@ class Run:
     readings: Mapping[str, Readings]
     recording: Recording
     cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
-    kept: dict[object, Array] | None = dataclasses.field(default=None, repr=False)
+    kept: dict[object, Any] | None = dataclasses.field(default=None, repr=False)
+    derived: dict[object, Any] = dataclasses.field(default_factory=dict, repr=False)
     within: Within | None = None
 
     @classmethod
@@ -212,7 +215,7 @@ class Run:
         binned = self.binned.with_column(name, column)
         cache: dict[object, Array] = {key: one for key, one in self.cache.items() if not _follows(key, name)}
         cache[("column", name)] = values
-        return dataclasses.replace(self, binned=binned, cache=cache, kept=None)
+        return dataclasses.replace(self, binned=binned, cache=cache, kept=None, derived={})
 
     def columns(self, basis: Columns) -> Array:
         """Columns of a basis on the bins, kept for a while where this run keeps them."""
@@ -226,12 +229,22 @@ class Run:
 
     def on_bins(self, values: Array) -> Array:
         """Values at the recorded bins, interpolated to all bins of the run; shape (bins,) or (bins, k)."""
-        since = self.binned.time_s - self.binned.time_s[0] + 0.5 * self.grid.bin_s
-        if len(since) >= self.bins and np.allclose(since[: self.bins], self.elapsed_s, atol=0.1 * self.grid.bin_s):
+        if self._complete:
             return np.asarray(values[: self.bins])
         if values.ndim == 1:
-            return np.interp(self.elapsed_s, since, values)
-        return np.column_stack([np.interp(self.elapsed_s, since, column) for column in values.T])
+            return np.interp(self.elapsed_s, self._recorded_s, values)
+        return np.column_stack([np.interp(self.elapsed_s, self._recorded_s, column) for column in values.T])
+
+    @functools.cached_property
+    def _recorded_s(self) -> Array:
+        """Time since the beginning of the run at the middle of each recorded bin."""
+        return np.asarray(self.binned.time_s - self.binned.time_s[0] + 0.5 * self.grid.bin_s)
+
+    @functools.cached_property
+    def _complete(self) -> bool:
+        """Whether no bin of the run is missing."""
+        recorded_s = self._recorded_s[: self.bins]
+        return len(recorded_s) == self.bins and np.allclose(recorded_s, self.elapsed_s, atol=0.1 * self.grid.bin_s)
 
     def on_bins_of_rows(self, values: Array) -> Array:
         """Means over bins of values at the recording's rows, shape (rows,); interpolated to all bins of the run."""

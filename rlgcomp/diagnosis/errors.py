@@ -143,7 +143,7 @@ def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
 
 def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Array:
     """Covariance of what errors of a column bring."""
-    readings, values = run.readings[column], run.column(column)
+    readings = run.readings[column]
     variance, width = run.on_bins(readings.variance), run.means(run.on_bins(readings.widths))
     size = math.sqrt(float(variance.mean()) + readings.step**2 / 12.0)
     if size == 0.0:
@@ -152,27 +152,38 @@ def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Arra
     slope = (predicted(above) - predicted(below)) * signs / (2.0 * size)
     together = np.minimum(1.0, np.maximum(1.0, 2.0 * math.sqrt(math.pi) * width) / run.grid.bins)
     scale = np.sqrt(run.means(slope**2 * variance) * together) * np.where(run.means(slope) < 0.0, -1.0, 1.0)
-    averaged = readings.noise / np.maximum(2.0 * math.sqrt(math.pi) * width, 1.0)  # the rest is what the smooth is wrong by
-    share = np.minimum(averaged / np.maximum(run.means(variance), 1e-300), 1.0)
-    width = np.maximum(width / run.grid.bins, 1e-3)
-    squares = np.add.outer(width**2, width**2)
-    apart = np.subtract.outer(run.windows, run.windows)
-    alike = np.sqrt(2.0 * np.outer(width, width) / squares) * np.exp(-0.5 * apart**2 / squares)
-    alike = np.sqrt(np.outer(share, share)) * alike + np.diag(1.0 - share)
     rounding = run.means(slope * np.sqrt(run.on_bins(readings.rounding)))
-    return np.asarray(np.outer(scale, scale) * alike + np.outer(rounding, rounding) * _alike(run, readings.step, values))
+    of_noise, of_rounding = _correlations(run, column)
+    return np.asarray(np.outer(scale, scale) * of_noise + np.outer(rounding, rounding) * of_rounding)
+
+
+def _correlations(run: Run, column: str) -> tuple[Array, Array]:
+    """Correlation of what a column's noise and rounding leave in window means; no prediction changes it, so it is made once."""
+    key = ("correlations", column)
+    if key not in run.derived:
+        readings = run.readings[column]
+        variance, width = run.means(run.on_bins(readings.variance)), run.means(run.on_bins(readings.widths))
+        averaged = readings.noise / np.maximum(2.0 * math.sqrt(math.pi) * width, 1.0)  # the rest is what the smooth is wrong by
+        share = np.minimum(averaged / np.maximum(variance, 1e-300), 1.0)
+        width = np.maximum(width / run.grid.bins, 1e-3)
+        squares = np.add.outer(width**2, width**2)
+        apart = np.subtract.outer(run.windows, run.windows)
+        alike = np.sqrt(2.0 * np.outer(width, width) / squares) * np.exp(-0.5 * apart**2 / squares)
+        alike = np.sqrt(np.outer(share, share)) * alike + np.diag(1.0 - share)
+        run.derived[key] = alike, _alike(run, readings.step, run.column(column))
+    of_noise, of_rounding = run.derived[key]
+    return of_noise, of_rounding
 
 
 def _moved(run: Run, column: str, size: float) -> tuple[Array, Run, Run]:
     """Signs, and the run with a column off by a size so signed, up and down; made once, for they keep columns of bases."""
-    kept: dict[object, Any] = run.cache
     key = ("moved", column)
-    if key not in kept:
+    if key not in run.derived:
         signs = np.random.default_rng(0).choice([-1.0, 1.0], run.bins)  # what other bins bring cancels
         values = run.column(column)
         up, down = (dataclasses.replace(run.with_column(column, values + side * size * signs), kept={}) for side in (1.0, -1.0))
-        kept[key] = signs, up, down
-    signs, up, down = kept[key]
+        run.derived[key] = signs, up, down
+    signs, up, down = run.derived[key]
     return signs, up, down
 
 
@@ -191,7 +202,9 @@ def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
     from scipy.ndimage import gaussian_filter1d
 
     values = rate.values(run)
-    up, down = (predicted(dataclasses.replace(run, cache=run.cache | {rate: values + side})) for side in (_MOVED, -_MOVED))
+    up, down = (
+        predicted(dataclasses.replace(run, cache=run.cache | {rate: values + side}, derived={})) for side in (_MOVED, -_MOVED)
+    )
     slope = run.means((up - down) / (2.0 * _MOVED))
     bins = max(3, round(rate.time_s / run.grid.bin_s) | 1)
     all_readings = [run.readings[column] for column in rate.driver.columns]

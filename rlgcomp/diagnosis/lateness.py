@@ -51,8 +51,18 @@ class Prediction:
 
     def values(self, run: Run) -> Array:
         """On the bins of a run, shape (bins,)."""
-        total = run.on_bins(self.baseline.stated(run.binned)) + self.baseline.columns(run) @ self.numbers
+        stated, columns = self._of_baseline(run)
+        total = stated + columns @ self.numbers
         return np.asarray(sum((run.columns(basis) @ w for basis, w in self.parts), total))
+
+    def _of_baseline(self, run: Run) -> tuple[Array, Array]:
+        """What the baseline states and its free columns; made once in a run that keeps its columns."""
+        kept = {} if run.kept is None else run.kept
+        if "baseline" not in kept or kept["baseline"][0] is not self.baseline:
+            stated, columns = run.on_bins(self.baseline.stated(run.binned)), self.baseline.columns(run)
+            kept["baseline"] = self.baseline, stated, columns
+        _, stated, columns = kept["baseline"]
+        return stated, columns
 
     @property
     def made_of(self) -> tuple[object, ...]:
@@ -81,10 +91,18 @@ class Late(Basis):
         return self.rate.driver.columns[0]
 
     def columns(self, run: Run) -> Array:
-        window_min = run.grid.window_s / SECONDS_PER_MINUTE
-        change = _MOVE * window_min * self.rate.half * self.rate.driver.half * self.rate.values(run)
-        earlier = run.with_column(self.column, run.column(self.column) + change)
-        return (self.prediction.values(earlier) - self.prediction.values(run))[:, None] / _MOVE
+        return (self.prediction.values(self._earlier(run)) - self.prediction.values(run))[:, None] / _MOVE
+
+    def _earlier(self, run: Run) -> Run:
+        """The run with an earlier thermometer; made once, for it keeps columns of bases."""
+        key = ("earlier", self.column, self.rate)
+        if key not in run.derived:
+            window_min = run.grid.window_s / SECONDS_PER_MINUTE
+            change = _MOVE * window_min * self.rate.half * self.rate.driver.half * self.rate.values(run)
+            earlier = run.with_column(self.column, run.column(self.column) + change)
+            run.derived[key] = dataclasses.replace(earlier, kept={})
+        found: Run = run.derived[key]
+        return found
 
 
 def late_regions(data: Data) -> Iterator[Region]:

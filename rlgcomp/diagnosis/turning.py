@@ -127,7 +127,7 @@ def with_angle_rows(data: Data, bases: Iterable[Basis], output: Callable[[Record
         within = Within(waves / math.sqrt(run.grid.bins), steps.T @ steps)
         rows = run.on_bins(output(run.binned)) @ within.waves
         white = np.r_[run.white, np.ones(len(rows))]
-        runs.append(dataclasses.replace(run, within=within, output=np.r_[run.output, rows], white=white))
+        runs.append(dataclasses.replace(run, within=within, output=np.r_[run.output, rows], white=white, derived={}))
     return dataclasses.replace(data, runs=tuple(runs))
 
 

@@ -26,7 +26,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_sums import angle_of, plain_sum_of_squares, starts_of_spans, sums_of_squares
@@ -339,7 +339,7 @@ def deviation_of_angle(
     if not rows:
         raise InputError(f"no averaging time fits into a record of {len(angle) - 1} samples every {period_s:g} s")
     taus, deviations, differences, edf, alphas = (np.array(column) for column in zip(*rows, strict=True))
-    tails = stats.chi2.ppf([[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]], edf)
+    tails = 2.0 * special.gammaincinv(0.5 * edf, [[0.5 + 0.5 * confidence], [0.5 - 0.5 * confidence]])  # of chi-squared
     lower, upper = deviations * np.sqrt(edf / tails)
     return AllanDeviation(
         taus,

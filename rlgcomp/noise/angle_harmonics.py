@@ -18,6 +18,7 @@ Liu et al., Sensors 19, 4754 (2019), eq. 16, fig. 10.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
@@ -139,10 +140,8 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
     orders = np.arange(1, highest + 1)
     means = np.zeros((segments, len(rates_deg_h), highest), dtype=np.complex128)
     for segment in range(segments):
-        for rows, cosines, sines in _waves(angle_deg, orders, int(ends[segment]), int(ends[segment + 1])):
-            rates = np.stack([rate[rows] for rate in rates_deg_h])
-            means[segment] += rates @ cosines - 1j * (rates @ sines)
-        means[segment] *= 2.0 / max(ends[segment + 1] - ends[segment], 1)
+        first, last = int(ends[segment]), int(ends[segment + 1])
+        means[segment] = 2.0 / max(last - first, 1) * _sums(rates_deg_h, angle_deg, highest, first, last)
         advance(segment + 1, segments)
     mean = means.mean(axis=0)
     scatter2 = np.sum(np.abs(means - mean) ** 2, axis=0) / (segments - 1)
@@ -154,7 +153,14 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
     return [Spectrum(orders, mean[k], sd[k], p_value[k], used, segments) for k in range(len(rates_deg_h))]
 
 
-def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, orders: Sequence[int] | None = None) -> Harmonics:
+def fit_harmonics(
+    rate_deg_h: Array,
+    angle_deg: Array,
+    spectrum: Spectrum,
+    orders: Sequence[int] | None = None,
+    *,
+    of_waves: Complex | None = None,
+) -> Harmonics:
     """Least squares of the detected orders and a constant on the angle, over the entire record at once.
 
     Parameters
@@ -164,19 +170,35 @@ def fit_harmonics(rate_deg_h: Array, angle_deg: Array, spectrum: Spectrum, order
         Its scatter gives the standard deviations, so that these hold in coloured noise.
     orders : sequence of int, optional
         Other orders than the detected ones.
+    of_waves : ndarray of complex, optional
+        As :func:`sums_of_waves` gives them of these angles, where several rates share them.
     """
     chosen = np.array(spectrum.detected if orders is None else orders, dtype=np.int64)
     if not len(chosen):
         return Harmonics(chosen, np.zeros(0, dtype=np.complex128), np.zeros(0))
-    width = 2 * len(chosen) + 1
-    normal, right = np.zeros((width, width)), np.zeros(width)
-    for rows, cosines, sines in _waves(angle_deg, chosen, 0, len(angle_deg)):
-        design = np.hstack([cosines, -sines, np.ones((len(cosines), 1))])
-        normal += design.T @ design
-        right += design.T @ rate_deg_h[rows]
+    # products of two waves are waves of the sum and the difference of their orders
+    sums = sums_of_waves(angle_deg, int(chosen.max())) if of_waves is None else of_waves
+    of_rate = _sums([rate_deg_h], angle_deg, int(chosen.max()), 0, len(angle_deg))[0, chosen - 1]
+    apart = np.subtract.outer(chosen, chosen)
+    plus, minus = sums[np.add.outer(chosen, chosen)], sums[np.abs(apart)]
+    minus = np.where(apart < 0, minus.conj(), minus)
+    constant = sums[chosen]
+    normal = np.block(
+        [
+            [0.5 * (minus + plus).real, 0.5 * (plus - minus).imag, constant.real[:, None]],
+            [0.5 * (plus + minus).imag, 0.5 * (minus - plus).real, constant.imag[:, None]],
+            [constant.real[None, :], constant.imag[None, :], sums[:1, None].real],
+        ]
+    )
+    right = np.r_[of_rate.real, of_rate.imag, rate_deg_h.sum()]
     solution = np.linalg.solve(normal, right)
     coefficient = solution[: len(chosen)] + 1j * solution[len(chosen) : -1]
     return Harmonics(chosen, coefficient, spectrum.sd_deg_h[chosen - 1])
+
+
+def sums_of_waves(angle_deg: Array, highest: int = HIGHEST_ORDER) -> Complex:
+    """Sums of exp(-i k angle) over all samples, k from zero to twice the highest order, shape (2 highest + 1,)."""
+    return np.r_[len(angle_deg), _sums(None, angle_deg, 2 * highest, 0, len(angle_deg))[0]]
 
 
 def without(rate_deg_h: Array, angle_deg: Array, harmonics: Harmonics) -> Array:
@@ -189,25 +211,55 @@ def without(rate_deg_h: Array, angle_deg: Array, harmonics: Harmonics) -> Array:
     """
     clean = np.array(rate_deg_h)
     if len(harmonics.orders):
-        for rows, cosines, sines in _waves(angle_deg, harmonics.orders, 0, len(angle_deg)):
-            clean[rows] -= cosines @ harmonics.coefficient_deg_h.real - sines @ harmonics.coefficient_deg_h.imag
+        for rows, low, high in _waves(angle_deg, int(harmonics.orders.max()), 0, len(angle_deg)):
+            coefficients = np.zeros(len(high) * len(low), dtype=np.complex128)
+            coefficients[harmonics.orders - 1] = harmonics.coefficient_deg_h
+            waves = coefficients.reshape(len(high), -1) @ low
+            waves *= high
+            clean[rows] -= waves.real.sum(axis=0)
     return clean
 
 
-def _waves(angle_deg: Array, orders: npt.NDArray[np.int64], first: int, last: int) -> Iterator[tuple[slice, Array, Array]]:
-    """Cosines and sines of ascending orders of the angle, chunk by chunk, each by the addition theorem from the previous one."""
-    steps = np.diff(orders, prepend=0).tolist()
+def _sums(values: Sequence[Array] | None, angle_deg: Array, highest: int, first: int, last: int) -> Complex:
+    """Sums of each series times exp(-i k angle) over some rows, k from one to the highest order; without series, of these alone.
+
+    Parameters
+    ----------
+    values : sequence of ndarray, shape (n,), optional
+    angle_deg : ndarray, shape (n,)
+    highest : int
+    first, last : int
+        Rows.
+
+    Returns
+    -------
+    ndarray of complex, shape (series, highest)
+    """
+    count = 1 if values is None else len(values)
+    total: Complex | float = 0.0
+    for rows, low, high in _waves(angle_deg, highest, first, last):
+        weighted = high if values is None else np.stack([series[rows] for series in values])[:, None, :] * high
+        total = total + weighted.reshape(-1, low.shape[1]) @ low.T
+    sums = np.broadcast_to(total, (count * math.ceil(highest / _width(highest)), _width(highest)))
+    return sums.reshape(count, -1)[:, :highest].conj()
+
+
+def _width(highest: int) -> int:
+    return math.ceil(math.sqrt(highest))
+
+
+def _waves(angle_deg: Array, highest: int, first: int, last: int) -> Iterator[tuple[slice, Complex, Complex]]:
+    """exp(i k angle) for k = 1 ... w and k = 0, w, 2 w ..., chunk by chunk, shapes (w, rows) and (h, rows): any order up to the
+    highest is the product of two of them, so that a sum over all orders is a product of matrices."""
+    width = _width(highest)
     for start in range(first, last, CHUNK):
         rows = slice(start, min(start + CHUNK, last))
         angle = RAD_PER_DEG * np.remainder(angle_deg[rows], 360.0)
-        units = {step: (np.cos(step * angle), np.sin(step * angle)) for step in set(steps)}
-        cosines, sines = (np.empty((len(angle), len(orders)), order="F") for _ in range(2))
-        c, s, part = np.ones_like(angle), np.zeros_like(angle), np.empty_like(angle)
-        for k, step in enumerate(steps):
-            cosine, sine = units[step]
-            np.multiply(c, cosine, out=cosines[:, k])
-            cosines[:, k] -= np.multiply(s, sine, out=part)
-            np.multiply(s, cosine, out=sines[:, k])
-            sines[:, k] += np.multiply(c, sine, out=part)
-            c, s = cosines[:, k], sines[:, k]
-        yield rows, cosines, sines
+        low = np.empty((width, len(angle)), dtype=np.complex128)
+        np.cos(angle, out=low[0].real), np.sin(angle, out=low[0].imag)
+        for k in range(1, width):
+            np.multiply(low[k - 1], low[0], out=low[k])
+        high = np.ones((math.ceil(highest / width), len(angle)), dtype=np.complex128)
+        for k in range(1, len(high)):
+            np.multiply(high[k - 1], low[-1], out=high[k])
+        yield rows, low, high

@@ -34,7 +34,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_covariance import POWERS, covariance_products, design_matrix
@@ -158,7 +158,7 @@ class NoiseCoefficients(ShownAsTable):
     @property
     def p_value(self) -> float:
         """Probability of residuals this large if the curve is a sum of the five noises."""
-        return float(stats.chi2.sf(self.chi_square, max(self.degrees_of_freedom, 1)))
+        return float(special.chdtrc(max(self.degrees_of_freedom, 1), self.chi_square))
 
     def to_frame(self) -> pd.DataFrame:
         """One row a coefficient: name, value, standard error."""
@@ -234,7 +234,7 @@ def fit_noises(tau_s: Array, deviation_deg_h: Array, edf: Array, *, order: int, 
     variances, covariance, chi_square = _fit(design, measured, within_chance, products, 0.0)
     chi_square_of_noises, misfit = chi_square, 0.0
     free = len(chosen) - int(np.count_nonzero(variances))
-    if stats.chi2.sf(chi_square, max(free, 1)) < _MISFIT_P:
+    if special.chdtrc(max(free, 1), chi_square) < _MISFIT_P:
         low, misfit = 0.0, _LARGEST_MISFIT
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + misfit)

@@ -11,11 +11,11 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation, fit_coefficients
-from rlgcomp.noise.angle_harmonics import Harmonics, Progress, Spectrum, fit_harmonics, spectra, without
+from rlgcomp.noise.angle_harmonics import Harmonics, Progress, Spectrum, fit_harmonics, spectra, sums_of_waves, without
 from rlgcomp.noise.coefficients import NoiseCoefficients
 from rlgcomp.noise.encoder import Leg, middle_deg
 from rlgcomp.noise.spectral_fit import (
@@ -103,7 +103,7 @@ class AngleRandomWalk:
         check = self.whole_revolutions
         difference = check.angle_random_walk_deg_sqrt_h - self.angle_random_walk_deg_sqrt_h
         own2, check2 = self.angle_random_walk_deg_sqrt_h_sd**2, check.angle_random_walk_deg_sqrt_h_sd**2
-        return float(2.0 * stats.norm.sf(abs(difference) / math.sqrt(max(check2 - own2, 0.1 * check2))))
+        return float(2.0 * special.ndtr(-abs(difference) / math.sqrt(max(check2 - own2, 0.1 * check2))))
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain mapping, for JSON."""
@@ -189,7 +189,8 @@ class ConstantRateSegment:
         self.spectra = spectra(self.rates, self.middle_deg)
         self.advance(2, steps)
         pairs = zip(self.rates, self.spectra, strict=True)
-        self.harmonics = [fit_harmonics(rate, self.middle_deg, spectrum) for rate, spectrum in pairs]
+        self.of_waves = sums_of_waves(self.middle_deg)
+        self.harmonics = [fit_harmonics(rate, self.middle_deg, spectrum, of_waves=self.of_waves) for rate, spectrum in pairs]
         self.clean = [without(rate, self.middle_deg, fitted) for rate, fitted in zip(self.rates, self.harmonics, strict=True)]
 
     def samples_in(self, duration_s: float) -> int:
@@ -213,7 +214,7 @@ class ConstantRateSegment:
         rate[gap] = self.leg.rate_deg_s * SECONDS_PER_HOUR
         rate -= _trend(rate, self.variable, self.place, self.per_mean)(self.variable)
         (spectrum,) = spectra([rate], self.middle_deg)
-        return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, spectrum))
+        return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, spectrum, of_waves=self.of_waves))
 
     def _gyro(self, k: int, encoder: tuple[Array, Array]) -> AngleRandomWalk:
         raw, clean, gain = self.rates[k], self.clean[k], self.gains[k]

@@ -43,6 +43,7 @@ SHORTEST_S: Final = 6.0
 WINDOW_S: Final = 30.0  # on either side of a change of rate
 BLOCK_S: Final = 0.1
 LONGEST_DELAY_S: Final = 0.02
+USUAL_S: Final = 60  # seconds of a leg, of which the median is its usual rate
 LAGS: Final = (1, 40)  # in blocks, at which white noise and random walk of the residuals are separated
 LEAST_WALK: Final = 0.05  # of the white noise: residuals of a minute do not exclude it
 
@@ -116,8 +117,10 @@ def find_legs(time_s: Array, angle_deg: Array) -> list[Leg]:
         return []
     rates = np.diff(np.interp(seconds, time_s, angle_deg))
     edges = [0]
+    usual = 0.0
     for k in range(1, len(rates)):
-        usual = float(np.median(rates[edges[-1] : k][:60]))
+        if k - edges[-1] <= USUAL_S:
+            usual = float(np.median(rates[edges[-1] : k]))
         if abs(rates[k] - usual) > max(SAME_RATE * abs(usual), 0.1 * SLOWEST_DEG_S):
             edges.append(k)
     edges.append(len(rates))

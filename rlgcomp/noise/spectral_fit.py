@@ -28,7 +28,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy import fft, optimize, stats
+from scipy import fft, optimize, special
 
 from rlgcomp.errors import InputError
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -272,4 +272,4 @@ def _shape_p_value(ratio: Array) -> float:
     means = np.add.reduceat(ratio, edges[:-1]) / counts
     # The mean of n exponentials is a gamma variable; its cube root is normal to good accuracy (Wilson and Hilferty).
     normal = (np.cbrt(means) - (1.0 - 1.0 / (9.0 * counts))) * 3.0 * np.sqrt(counts)
-    return float(stats.chi2.sf(np.sum(normal**2), max(len(counts) - 2, 1)))
+    return float(special.chdtrc(max(len(counts) - 2, 1), np.sum(normal**2)))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -282,6 +283,7 @@ class Mechanism(abc.ABC):
         return np.asarray(self.basis(recording) @ weights)
 
     @classmethod
+    @functools.cache
     def parameters(cls) -> tuple[Parameter, ...]:
         """All parameters, in the order of the fields."""
         return tuple(

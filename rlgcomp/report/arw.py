@@ -8,13 +8,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
 from rlgcomp.noise.angle_random_walk import DISAGREES_P, RotationNoise
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
-from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, Powers, legend, time_axis
+from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, legend, plain_powers, time_axis
 from rlgcomp.report.messages.wording import estimate_text, p_text
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture
@@ -42,7 +41,7 @@ def orders(one: AngleRandomWalk) -> Picture:
             )
         axes.plot(spectrum.orders, 6.0 * spectrum.sd_deg_h, color=WARM, lw=1.0, ls="--", label="6 standard deviations")
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(Powers())
+        plain_powers(axes.yaxis)
         axes.set_ylim(amplitude.min() / 2, 3.0 * amplitude.max())
         axes.set_xlabel("order (cycles in a revolution)")
         axes.set_ylabel("amplitude in deg/h")
@@ -103,7 +102,7 @@ def allan(one: AngleRandomWalk) -> Picture:
         n, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
         axes.fill_between(tau, 60 * (n - 2 * sd) / np.sqrt(tau), 60 * (n + 2 * sd) / np.sqrt(tau), color=FLOOR, alpha=0.25, lw=0)
         axes.loglog(tau, 60 * n / np.sqrt(tau), color=FLOOR, lw=1.2, ls="--", label=f"N = {n:.3g} ± {sd:.1g} deg/√h")
-        _plain_powers(axes)
+        plain_powers(axes.xaxis, axes.yaxis)
         axes.set_xlabel("averaging time in s")
         axes.set_ylabel("Allan deviation in deg/h")
         axes.set_title(f"Allan deviation, {_name(one)}")
@@ -130,7 +129,7 @@ def spectrum(one: AngleRandomWalk) -> Picture:
         axes.loglog(f[inside], fitted[inside], color=FIT, lw=1.5, label="fitted noises")
         axes.axhline((60 * one.angle_random_walk_deg_sqrt_h) ** 2, color=FLOOR, lw=1.2, ls="--", label="(60 N)²")
         axes.axvline(one.noise.highest_hz, color="#c4c8ce", lw=1.0, label="end of the fit")
-        _plain_powers(axes)
+        plain_powers(axes.xaxis, axes.yaxis)
         axes.set_xlabel("frequency in Hz")
         axes.set_ylabel("(deg/h)²/Hz")
         axes.set_title(f"Spectrum of the residual, {_name(one)}")
@@ -147,11 +146,6 @@ def spectrum(one: AngleRandomWalk) -> Picture:
 def pictures(one: AngleRandomWalk) -> dict[str, Picture]:
     """All figures of one gyro, by name."""
     return {"orders": orders(one), "output": output(one), "allan": allan(one), "spectrum": spectrum(one)}
-
-
-def _plain_powers(axes: Axes) -> None:
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(Powers())
 
 
 def _name(one: AngleRandomWalk) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
@@ -343,7 +344,14 @@ def logarithmic(axes: Axes, label: str) -> None:
     axes.set(xscale="log", yscale="log", xlabel="averaging time in s", ylabel=label)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(numticks=12))
+    plain_powers(axes.xaxis, axes.yaxis)
+
+
+def plain_powers(*logarithmic_axes: Axis) -> None:
+    """Labels of logarithmic axes in plain characters."""
+    for axis in logarithmic_axes:
         axis.set_major_formatter(Powers())
+        axis.set_minor_formatter(Powers())
 
 
 def draw_compensation(axes: Sequence[Axes], time_s: Array, raw_deg_h: Array, bias_deg_h: Array, floor_deg_h: float) -> None:

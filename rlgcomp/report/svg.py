@@ -6,6 +6,7 @@ show data. Without it the drawing is complete.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import html
 import io
@@ -17,6 +18,7 @@ from typing import Any, Final
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -57,7 +59,7 @@ def svg(figure: Figure, name: str = "figure", title: str = "", description: str 
     names_as_they_are(figure)
     marked = [_Marked.of(axes, f"a{k}") for k, axes in enumerate(figure.axes)]
     buffer = io.StringIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}), _laid_out(figure):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :].replace("'DejaVu Sans'", _FONTS)
@@ -70,6 +72,26 @@ def svg(figure: Figure, name: str = "figure", title: str = "", description: str 
         f'<title id="{name}.title">{html.escape(title)}</title><desc id="{name}.desc">{html.escape(description)}</desc>'
     )
     return head + spoken + body
+
+
+@contextlib.contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """The figure as its layout engine places it, then without the engine, for which `savefig` draws everything twice."""
+    engine, dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas
+    if engine is None:
+        yield
+        return
+    FigureCanvasSVG(figure)  # it measures the texts as they are drawn
+    figure.dpi = _POINTS_PER_INCH
+    engine.execute(figure)
+    figure.dpi = dpi
+    figure.set_canvas(canvas)
+    with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+        figure.set_layout_engine(None)  # "none" would leave an engine that does nothing, and the drawing in vain
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
 
 
 @dataclasses.dataclass(frozen=True)
