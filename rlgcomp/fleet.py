@@ -28,17 +28,13 @@ from rlgcomp.recording.argument_checks import require_workers
 from rlgcomp.recording.formats import sidecar
 from rlgcomp.recording.provenance import provenance, recorded_command, running_command, with_digests
 from rlgcomp.scratch import PREFIX, recover
-from rlgcomp.workers import DIED, spread
+from rlgcomp.workers import DIED, imports_of, spread
 
 NOTE: Final = "unit.json"
 SUMMARY: Final = "fleet.json"
 Task = Callable[["Unit", Path], Mapping[str, Any]]
 _UNIT, _TRAIN = "unit", "train"
 _ENDING_S: Final = 3.0  # within which workers end with this process
-_IMPORTED: Final = {  # by the tasks when they are called
-    "rlgcomp.fleet.train_unit": ("rlgcomp.compensation.compensator", "rlgcomp.recording.formats.parquet", "pyarrow.parquet"),
-    "rlgcomp.fleet.diagnose_unit": ("rlgcomp.diagnosis.diagnose", "rlgcomp.recording.formats.parquet", "pyarrow.parquet"),
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,8 +179,7 @@ def run_fleet(
     advance = progress or (lambda done, total: None)
     advance(len(by_unit), len(units))
     attempt = functools.partial(_attempt, task, out, running_command())
-    modules = _IMPORTED.get(_name_of(task), ())
-    finished = spread(attempt, waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler, modules=modules)
+    finished = spread(attempt, waiting, died=_died, n_jobs=n_jobs, scheduler=scheduler, modules=imports_of(_name_of(task)))
     try:
         for outcome in finished:
             by_unit[outcome.unit] = outcome

@@ -29,6 +29,11 @@ from rlgcomp.numerics.worker_processes import end_with_starter
 
 RETRIES: Final = 2  # times that a piece is tried again after its worker died
 DIED: Final = "its worker process died each time: killed, or out of memory; give it more"
+_RECORDINGS: Final = ("rlgcomp.recording.formats.parquet", "pyarrow.parquet", "pyarrow.pandas_compat", "email.parser")
+_IMPORTED: Final = {  # by the tasks of fleets when they are called
+    "rlgcomp.fleet.train_unit": ("rlgcomp.fleet", "rlgcomp.compensation.compensator", *_RECORDINGS),
+    "rlgcomp.fleet.diagnose_unit": ("rlgcomp.fleet", "rlgcomp.diagnosis.diagnose", *_RECORDINGS),
+}
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -69,6 +74,28 @@ def spread(
         yield from (_by_itself(work, piece) for piece in pieces)
     else:
         yield from _on_this_machine(work, pieces, died, n_jobs, modules)
+
+
+def imports_of(work: str) -> tuple[str, ...]:
+    """Modules that a task of fleets, by its module and name, imports when it is called."""
+    return _IMPORTED.get(work, ())
+
+
+def prepare(n_jobs: int, modules: Sequence[str]) -> None:
+    """Start the server from which processes are forked, so that it imports the modules while this process does other things.
+
+    Parameters
+    ----------
+    n_jobs : int
+        Worker processes on this machine; with one no server is needed.
+    modules : sequence of str
+        As of :func:`spread`.
+    """
+    if n_jobs > 1 and modules and _context(modules).get_start_method() == "forkserver":
+        from multiprocessing.forkserver import ensure_running
+
+        with _environment({"OPENBLAS_NUM_THREADS": "1"}), _without_main_module():
+            ensure_running()
 
 
 def _by_itself(work: Callable[[T], R], piece: T) -> R:

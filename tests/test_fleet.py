@@ -19,6 +19,8 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.cli.fleet import USUAL
+from rlgcomp.compensation.models import MODELS
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256
 from rlgcomp.fleet import NOTE, SUMMARY, Unit, diagnose_unit, read_fleet, run_fleet, train_unit
@@ -242,6 +244,10 @@ def test_the_command_reports_each_unit_and_ends_with_two_where_one_failed(units:
     assert "selected" not in done.output  # a cubic has nothing to select
     assert "1 of 3 units failed, the first gyro-1" in done.output
     assert (tmp_path / "out" / "gyro-2" / "model" / "manifest.json").exists()
+
+
+def test_models_that_need_no_look_up_are_models() -> None:
+    assert set(USUAL) <= set(MODELS)
 
 
 @pytest.mark.parametrize("keep", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
 import os
 import signal
 import subprocess
@@ -15,7 +16,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from rlgcomp.numerics.compiled import threads
-from rlgcomp.workers import spread
+from rlgcomp.workers import imports_of, prepare, spread
 
 
 def product(seed: int) -> tuple[int, bytes]:
@@ -39,6 +40,14 @@ def test_one_process_and_two_give_the_same_bits() -> None:
     one, two = (dict(spread(product, range(5), died=product, n_jobs=jobs)) for jobs in (1, 2))
     assert one == two
     assert sorted(one) == list(range(5))
+
+
+def test_a_server_that_was_prepared_does_the_same_work() -> None:
+    for task in ("rlgcomp.fleet.train_unit", "rlgcomp.fleet.diagnose_unit"):
+        assert len(imports_of(task)) > 3
+        assert all(importlib.util.find_spec(module) for module in imports_of(task))
+    prepare(2, ["numpy"])
+    assert sorted(spread(product, range(3), died=product, n_jobs=2, modules=["numpy"])) == [product(seed) for seed in range(3)]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

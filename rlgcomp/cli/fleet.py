@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from rlgcomp.cli.base import AsJson, Gyro, Jobs, command, progress
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table
+
+USUAL: Final = ("lssvm", "cubic", "dynamic")  # models whose names are known before scikit-learn is imported for all of them
 
 
 @command("fleet")
@@ -40,14 +42,20 @@ def fleet(
 
     Example: `rlgcomp fleet train units.csv --out models --jobs 2`
     """
-    from rlgcomp.compensation.models import MODELS
+    from rlgcomp.workers import imports_of, prepare
+
+    prepare(1 if scheduler else jobs, imports_of(f"rlgcomp.fleet.{task}_unit"))
+
     from rlgcomp.errors import InputError
     from rlgcomp.files import require_writable
     from rlgcomp.fleet import Task, diagnose_unit, read_fleet, run_fleet, train_unit
 
     require_writable(out)
-    if model not in MODELS:
-        raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
+    if model not in USUAL:
+        from rlgcomp.compensation.models import MODELS
+
+        if model not in MODELS:
+            raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     tasks: dict[str, Task] = {
         "train": functools.partial(
             train_unit, model=model, features=features, averaging_s=averaging_s, keep_mean=keep_mean, gyro=gyro
