@@ -15,8 +15,8 @@ author = "The authors of rlgcomp"
 copyright = "the authors of rlgcomp, Apache-2.0"  # noqa: A001
 release = rlgcomp.__version__
 extensions = [
-    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx.ext.mathjax", "sphinx_copybutton",
-    "executed", "generated",
+    "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton",
+    "executed", "generated", "mathml",
 ]  # fmt: skip
 exclude_patterns = ["_site", "_run", "_ext", "_made", "notebook"]
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist", "dollarmath"]
@@ -28,6 +28,7 @@ autodoc_default_options = {
     "exclude-members": "set_fit_request, set_predict_request, set_score_request, set_transform_request, get_metadata_routing",
 }
 suppress_warnings = ["myst.strikethrough"]
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"rlgcomp {release}"
 html_static_path = ["_static"]

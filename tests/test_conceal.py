@@ -459,6 +459,10 @@ class TestCommands:
         assert "ageing" in shown.stdout
         score = json.loads(self.run("reveal", tmp_path / "c", tmp_path / "d.json", "--json").stdout)["score"]
         assert score["exact"] is True
+        assert self.run("reveal", tmp_path / "c", tmp_path / "d.json", "--out", tmp_path / "r").exit_code == 0
+        page = (tmp_path / "r" / "report.html").read_text()
+        assert "Concealed was ageing; found was ageing" in page
+        assert json.loads((tmp_path / "r" / "reveal.json").read_text())["score"]["exact"] is True
         (tmp_path / "c" / "truth.json").write_text("{}")
         refused = self.run("reveal", tmp_path / "c", tmp_path / "d.json")
         assert refused.exit_code == 2

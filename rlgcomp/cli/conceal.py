@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -13,6 +13,10 @@ from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table
 from rlgcomp.cli.simulation import SimulatorFile
 
+if TYPE_CHECKING:
+    from rlgcomp.challenge.seal import Revealed
+
+REVEALED: Final = ("reveal.json", "report.html", "figures/*.svg")
 logger = logging.getLogger(__name__)
 
 
@@ -92,15 +96,23 @@ def reveal(
     challenge: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the challenge.")],
     diagnosis: Annotated[Path, typer.Argument(metavar="DIAGNOSIS", help="A diagnosis.json, or the folder that diagnose wrote.")],
     truth: Annotated[Path | None, typer.Option(metavar="FILE", help="The truth, where it was kept elsewhere.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Folder for a page: concealed beside found; replaced as a whole."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Open a challenge and score a diagnosis of it.
 
-    Example: `rlgcomp reveal challenge diagnosis`
+    Example: `rlgcomp reveal challenge diagnosis --out revealed`
     """
     from rlgcomp.challenge.seal import reveal as opened
 
+    if out is not None:
+        require_folder(out, REVEALED, challenge, diagnosis, truth)
     revealed = opened(challenge, diagnosis, truth=truth)
+    if out is not None:
+        _write(revealed, challenge, diagnosis, out)
     if as_json:
         show_json(revealed.to_mapping())
         return
@@ -115,14 +127,29 @@ def reveal(
         "exactly the hidden set": _yes(score.exact),
         "right up to indistinguishable mechanisms": _yes(score.in_class),
         "overlap of places in time": "–" if score.overlap is None else f"{100 * score.overlap:.0f} %",
-        "held-out improvement": _share(revealed.improvement),
-        "of possible": _share(revealed.possible_improvement),
+        "less error on the runs held out": _share(revealed.improvement),
+        "… with the true law": _share(revealed.possible_improvement),
         "sealed truth, SHA-256": revealed.truth_sha256,
     }
     show_table("Revealed", [{"": question, "answer": answer} for question, answer in answers.items()])
     if score.errors_sd:
         rows = [{"parameter": name, "(estimate - truth) / sd": error} for name, error in score.errors_sd.items()]
         show_table("Parameters", rows)
+    if out is not None:
+        notify(f"{out}: report.html, reveal.json")
+
+
+def _write(revealed: Revealed, challenge: Path, diagnosis: Path, out: Path) -> None:
+    from rlgcomp.challenge.page import page_of
+    from rlgcomp.challenge.seal import CHALLENGE
+    from rlgcomp.files import whole_folder, write_json
+    from rlgcomp.recording.provenance import provenance
+
+    page = page_of(revealed, challenge, diagnosis)
+    answer = diagnosis / "diagnosis.json" if diagnosis.is_dir() else diagnosis
+    with whole_folder(out, writes=REVEALED) as folder:
+        write_json(folder / "reveal.json", revealed.to_mapping())
+        page.write(folder / "report.html", provenance([challenge / CHALLENGE, answer]), figures=folder / "figures")
 
 
 def _yes(answer: bool) -> str:

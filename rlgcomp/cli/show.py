@@ -75,7 +75,12 @@ def show_evaluation(evaluation: Any) -> None:
     """Print the tables of an evaluation."""
     from rlgcomp.evaluation.evaluation import stability_rows
 
-    show_table(evaluation.title, stability_rows(evaluation))
+    digits = {"better by": 2, "after / floor": 3}
+    rows = [
+        {key: f"{value:.{digits[key]}f}" if key in digits else value for key, value in row.items()}
+        for row in stability_rows(evaluation)
+    ]
+    show_table(evaluation.title, rows)
     if not evaluation.comparison.empty:
         table = evaluation.comparison
         rows = [

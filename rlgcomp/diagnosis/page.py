@@ -12,6 +12,7 @@ from rlgcomp.diagnosis import text
 from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
+from rlgcomp.diagnosis.symbols import symbols
 from rlgcomp.diagnosis.text import cause_words
 from rlgcomp.files import write_text
 from rlgcomp.physics.mechanism import Mechanism
@@ -36,6 +37,14 @@ _VERDICTS: Final = {
     "explained": "explained",
     "ambiguous": "not told apart",
     "unknown": "no known mechanism",
+}
+DITHER_FREQUENCY: Final = "dither_residual_frequency_hz"
+_NOISES: Final = {
+    "angle_random_walk_deg_sqrt_h": ("angle random walk, N", "deg/√h", "white noise of the rate"),
+    "bias_instability_deg_h": ("bias instability, B", "deg/h", "flicker noise of the rate"),
+    "rate_random_walk_deg_h_sqrt_h": ("rate random walk, K", "deg/h/√h", "random walk of the rate"),
+    "quantization_arcsec": ("quantization, Q", "arcsec", "rounding of the angle to pulses"),
+    "dither_residual_arcsec": ("dither residual", "arcsec", "amplitude in the angle of what the dither leaves, at {:.3g} Hz"),
 }
 _WRITTEN: Final = ("diagnosis.json", "augmented.yaml")
 
@@ -117,7 +126,7 @@ def _page(record: Record, truth: Mapping[str, Mechanism] | None, folder: Path | 
         ],
         scores=_frame(text.SCORE_COLUMNS, text.score_rows(record)),
         baseline=_baseline(record),
-        noise=_frame(("noise", "strength"), [[name, f"{value:.3g}"] for name, value in record.noise.to_mapping().items() if value]),
+        noise=_noise(record),
         about=_about(record),
         citations=record.citations,
         **shown,
@@ -189,7 +198,7 @@ def _concealed(record: Record, truth: Mapping[str, Mechanism]) -> pd.DataFrame:
         true, one = truth.get(name), found.get(name)
         rows.append([cause_words(name), "cause", "concealed" if true else "–", "found" if one else "–"])
         estimates = {} if one is None else one.parameters
-        stated = {} if true is None else {p.name: p.unit for p in true.parameters() if p.role in ("amplitude", "shape")}
+        stated = {} if true is None else {p.name: p.unit for p in (*true.amplitude_parameters(), *true.shape_parameters())}
         for parameter in dict.fromkeys([*stated, *estimates]):
             value = getattr(true, parameter, None)
             true_text = f"{value:.4g} {stated.get(parameter, '')}".strip() if isinstance(value, int | float) else "–"
@@ -234,6 +243,7 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
         "name": cause_words(one.name) if one.named else f"A law of {listing(list(one.drivers))}",
         "probability": probability_text(one.probability),
         "equation": one.equation,
+        "symbols": symbols(one.equation, one.drivers),
         "memory": MEMORIES[one.memory],
         "drivers": ", ".join(one.drivers),
         "parameters": pd.DataFrame(
@@ -261,6 +271,17 @@ def _baseline(record: Record) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
+
+
+def _noise(record: Record) -> pd.DataFrame:
+    """Noise that was stated or found, by name, with its unit."""
+    numbers = record.noise.to_mapping()
+    rows = [
+        [name, f"{numbers[key]:.3g} {unit}", of.format(numbers[DITHER_FREQUENCY])]
+        for key, (name, unit, of) in _NOISES.items()
+        if numbers.get(key)
+    ]
+    return _frame(("noise", "strength", "which is"), rows)
 
 
 def _frame(columns: tuple[str, ...], rows: list[list[str]]) -> pd.DataFrame:
