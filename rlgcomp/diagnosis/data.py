@@ -20,7 +20,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
-from rlgcomp.numerics.readings import Readings
+from rlgcomp.numerics.readings import Readings, readings_of
 from rlgcomp.recording import TIME, Recording
 from rlgcomp.recording.motion import ANGLES, RATE
 from rlgcomp.recording.stuck_channels import by_column, stuck_segments
@@ -168,11 +168,11 @@ class Run:
         whole = recording.replace(metadata=dataclasses.replace(recording.metadata, lead_in_s=0.0), truth=None)
         binned = whole if grid.bin_s <= 1.5 * whole.period_s else whole.averaged(grid.bin_s)
         fixed = {TIME, *binned.gyro_columns, *outputs}
-        readings = {
-            column: Readings.of(whole.column(column), binned.column(column))
-            for column in binned.columns
-            if column in whole and column not in fixed
-        }
+        listed = [column for column in binned.columns if column in whole and column not in fixed]
+        turning = [column for column in listed if column in (RATE, *ANGLES)]
+        monitors = [column for column in listed if column not in turning]
+        readings = {column: Readings.of(whole.column(column), binned.column(column)) for column in turning}
+        readings |= readings_of(*({column: one.column(column) for column in monitors} for one in (whole, binned)))
         smooth = {column: one.values for column, one in readings.items() if column not in (RATE, *ANGLES)}  # a table may jump
         binned = binned.replace(table=binned.table.assign(**smooth))
         place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)

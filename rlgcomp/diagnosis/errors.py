@@ -219,6 +219,10 @@ def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
         by_lag[lag] = float(kernel[shift:] @ kernel[: len(kernel) - shift])
     variance = np.zeros(len(slope))
     for readings, column in zip(all_readings, rate.driver.columns, strict=True):
+        if readings.slope is not None:
+            of_slope = run.means(run.on_bins(readings.slope)) / (run.grid.bin_s / 60.0) ** 2
+            variance += of_slope / by_lag[0] / (rate.driver.half * rate.half) ** 2
+            continue
         path = run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))])
         way = np.gradient(path) if len(path) > 1 else np.zeros_like(path)
         moving = 1.0 - np.exp(-way / (_CORRELATED * readings.step)) if readings.step else 0.0

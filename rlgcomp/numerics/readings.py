@@ -1,8 +1,8 @@
 r"""Readings of a driver: their noise, the step to which they are rounded, and the course of the driver behind them.
 
-A gyro follows the driver and not what is read of it. Where readings have noise, the likeliest course is their smooth: by a Gaussian
-whose width has the least risk, as far as smooths of all smaller widths agree, so that jumps stay. Where readings are rounded to
-steps larger than their noise, the driver is known where a reading changes, and its course is taken between these moments. What is
+A gyro follows the driver and not what is read of it. A temperature is smooth, and what is rounded changes by few steps: their course
+is the posterior of :mod:`rlgcomp.numerics.courses`. Other columns that have noise are smoothed by a Gaussian whose width has the least
+risk, as far as smooths of all smaller widths agree, so that jumps stay; what other columns tell of their detail is no noise. What is
 left is an error of the driver.
 
 References
@@ -15,10 +15,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
+
+from rlgcomp.numerics.courses import Course
 
 Array = npt.NDArray[np.float64]
 _LAGS: Final = 6  # samples at which differences are taken
@@ -27,9 +30,10 @@ _MOST: Final = 200_000  # samples from which noise is estimated
 _WIDTHS: Final = (0.0, 0.7, 1.4, 2.8, 5.6, 11.2, 22.4)  # standard deviations of the Gaussian, in bins
 _AGREE: Final = 3.0  # standard deviations
 _LEVELS: Final = 6  # of a column that is rounded, at least: fewer are states
-_DITHERED: Final = 0.08  # of a step's square, in variance, from which on noise tells more of the course than steps do
-_CROSSING: Final = 0.15  # of a step's variance that is left where the course crosses a step,
-_TURNING: Final = 0.5  # and where it turns in one
+_HIDDEN: Final = 0.08  # of a step's square, in variance: noise that steps hide
+_DITHERED: Final = 0.24  # from which on means of readings are those of what is read
+_OF_BIN: Final = 3  # readings of each bin
+_JUMP: Final = 6.0  # standard deviations of the noise, by which no temperature leaves its course
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,6 +53,8 @@ class Readings:
         To which readings are rounded; 0 where they are not.
     rounding : ndarray, shape (bins,)
         Variance of what rounding leaves.
+    slope : ndarray, shape (bins,), optional
+        Variance of the course's change from one bin to the next; None where its noise and its width tell.
     """
 
     values: Array
@@ -57,9 +63,10 @@ class Readings:
     noise: float
     step: float
     rounding: Array
+    slope: Array | None = None
 
     @classmethod
-    def of(cls, full: Array, binned: Array) -> Self:
+    def of(cls, full: Array, binned: Array, *, diffuses: bool = False) -> Self:
         """Readings of a column.
 
         Parameters
@@ -67,22 +74,65 @@ class Readings:
         full : ndarray, shape (samples,)
         binned : ndarray, shape (bins,)
             Their means over bins.
+        diffuses : bool
+            It is a temperature: its course is smooth.
         """
         step, bins = rounding_step(full), len(binned)
-        rounding = np.full(bins, step**2 / 12.0)
+        noise = noise_variance(full)
         rows = max(1, round(len(full) / bins))
-        if (
-            step
-            and noise_variance(full) < _DITHERED * step**2
-            and rows * bins <= len(full)
-            and np.allclose(bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * step)  # there are no gaps
-            and (found := between_steps(full, step)) is not None
-        ):
-            full, turning = found
-            binned = bin_means(full, bins, rows)
-            rounding *= np.where(bin_means(turning.astype(np.float64), bins, rows) > 0.0, _TURNING, _CROSSING)
-        noise = noise_variance(full) * len(binned) / len(full)
-        return cls(*smoothed(binned, noise), noise, step, rounding)
+        whole = rows * bins <= len(full) and np.allclose(bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * max(step, np.ptp(full)))
+        hidden = noise < (_DITHERED if diffuses else _HIDDEN) * step**2
+        if hidden and whole and _few_steps(full, step, diffuses):
+            each = min(rows, _OF_BIN)
+            chosen = full[: rows * bins].reshape(bins, rows)[:, ((np.arange(each) + 0.5) * rows / each).astype(np.intp)]
+            course = Course.of_rounded(chosen.ravel(), step)
+            if np.isfinite(course.log_evidence):
+                return cls._behind(course, each, step)
+        of_bin = noise * bins / len(full)
+        if diffuses and of_bin > 0.0 and not hidden:
+            course = Course.of_noisy(binned, of_bin)
+            if np.isfinite(course.log_evidence) and np.max(np.abs(binned - course.values)) < _JUMP * math.sqrt(of_bin):
+                return cls._behind(course, 1, 0.0)
+        return cls(*smoothed(binned, of_bin), of_bin, step, np.full(bins, step**2 / 12.0))
+
+    @classmethod
+    def _behind(cls, course: Course, each: int, step: float) -> Self:
+        """From a course at so many readings of each bin."""
+        values, variance, slope = (
+            one.reshape(-1, each).mean(axis=1) for one in (course.values, course.variances, course.rate_variances * each**2)
+        )
+        nothing = np.zeros(len(values))
+        if step:
+            return cls(values, nothing, nothing, 0.0, step, variance, slope)
+        noise = course.noise / each
+        return cls(values, variance, noise / (2.0 * math.sqrt(math.pi) * variance), noise, 0.0, nothing, slope)
+
+
+def diffuses(column: str) -> bool:
+    """Whether it is a thermometer's."""
+    return column.startswith("temperature_")
+
+
+def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[str, Readings]:
+    """Readings of columns of one run, those that have noise by the detail of all others as well: two may read one quantity.
+
+    Parameters
+    ----------
+    full : mapping of str to ndarray, shape (samples,)
+    binned : mapping of str to ndarray, shape (bins,)
+        Their means over bins.
+    """
+    alone = {name: Readings.of(full[name], values, diffuses=diffuses(name)) for name, values in binned.items()}
+    courses = {name: one.values / spread for name, one in alone.items() if (spread := float(np.std(one.values))) > 0.0}
+    found = {}
+    for name, one in alone.items():
+        others = [course for other, course in courses.items() if other != name]
+        if diffuses(name) or one.step or not one.noise or not others or not np.all(np.isfinite(others)):
+            found[name] = one
+            continue
+        values, variance, widths = smoothed(binned[name], one.noise, np.column_stack(others))
+        found[name] = dataclasses.replace(one, values=values, variance=variance, widths=widths)
+    return found
 
 
 def noise_variance(values: Array) -> float:
@@ -112,35 +162,26 @@ def bin_means(values: Array, bins: int, rows: int) -> Array:
     return np.asarray(values[: bins * rows].reshape(bins, rows).mean(axis=1), dtype=np.float64)
 
 
-def between_steps(values: Array, step: float) -> tuple[Array, npt.NDArray[np.bool_]] | None:
-    """The course behind readings that are rounded, and where it turns within a step; None where readings are states or no steps.
+def _few_steps(values: Array, step: float, diffuses: bool) -> bool:
+    """Whether readings are no states, and, unless the course is smooth, mostly go from one step to the next."""
+    jumps = np.abs(np.diff(values))
+    jumps = jumps[jumps > 0.5 * step]
+    return len(np.unique(values)) >= _LEVELS and (diffuses or float(np.median(jumps)) <= 1.5 * step)
 
-    Where a reading changes, the driver passes between two steps: it is known there, and straight in between. Where it leaves a step
-    on the side from which it came, it goes to the middle of the step and back as fast as it passed the steps before and after.
+
+def smoothed(values: Array, variance: float, others: Array | None = None) -> tuple[Array, Array, Array]:
+    """The smooth of a series whose noise has a variance, the variance of what it leaves, and the widths used; shapes (n,).
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    variance : float
+    others : ndarray, shape (n, k), optional
+        Courses of other columns. What is linear in their detail is no noise, so a wider smooth is left for the rest (P. Speckman,
+        "Kernel smoothing in partial linear models", J. R. Stat. Soc. B 50, 413 (1988)).
     """
-    change = np.flatnonzero(np.abs(np.diff(values)) > 0.5 * step)
-    jumps = np.diff(values)[change]
-    if len(np.unique(values)) < _LEVELS or np.median(np.abs(jumps)) > 1.5 * step:
-        return None
-    starts, ends = np.r_[0, change + 1], np.r_[change + 1, len(values)]
-    lengths = ends - starts
-    came, goes = np.r_[0.0, np.sign(jumps)], np.r_[np.sign(jumps), 0.0]
-    dwell = np.repeat(np.arange(len(starts)), lengths)
-    since = np.arange(len(values)) - starts[dwell] + 0.5
-    left = lengths[dwell] - since
-    crosses = (came * goes > 0.0)[dwell]
-    straight = came[dwell] * (since / lengths[dwell] - 0.5)
-    before, after = (0.5 * np.maximum(one, 1.0)[dwell] for one in (np.r_[1, lengths[:-1]], np.r_[lengths[1:], 1]))
-    bent = np.where(since / before <= left / after, -came[dwell] * np.exp(-since / before), goes[dwell] * np.exp(-left / after))
-    course = values + step * np.where(crosses, straight, 0.5 * bent)
-    return course, ~crosses
-
-
-def smoothed(values: Array, variance: float) -> tuple[Array, Array, Array]:
-    """The smooth of a series whose noise has a variance, the variance of what it leaves, and the widths used; shapes (n,)."""
-    from scipy.ndimage import gaussian_filter1d
-
     n = len(values)
+    others = np.empty((n, 0)) if others is None else others
     smooth, left, widths = values, np.full(n, variance), np.zeros(n)
     if variance <= 0.0:
         return smooth, left, widths
@@ -148,10 +189,11 @@ def smoothed(values: Array, variance: float) -> tuple[Array, Array, Array]:
     for width in _WIDTHS[1:]:
         if 4.0 * width >= n:
             break
-        rows = min(n - 1, math.ceil(4.0 * width))
-        longer = np.pad(values, rows, mode="reflect", reflect_type="odd")
-        found = gaussian_filter1d(longer, width)[rows : rows + n]
-        own = gaussian_filter1d(np.eye(1, 2 * rows + 1, rows)[0], width)[rows]  # weight of a value in its own smooth
+        found, own = gaussian_means(values, width)
+        if others.shape[1]:
+            detail = others - gaussian_means(others, width)[0]
+            found = found + detail @ np.linalg.lstsq(detail, values - found, rcond=1e-9)[0]
+            own += others.shape[1] / n
         risk = float(np.mean((values - found) ** 2)) + variance * (2.0 * own - 1.0)
         tried.append((width, found, risk, variance / (2.0 * math.sqrt(math.pi) * width)))
     best = min(range(len(tried)), key=lambda k: tried[k][2])
@@ -163,3 +205,14 @@ def smoothed(values: Array, variance: float) -> tuple[Array, Array, Array]:
         smooth, widths = np.where(agrees, found, smooth), np.where(agrees, width, widths)
         left = np.where(agrees, np.clip(risk, own, variance), left)
     return smooth, left, widths
+
+
+def gaussian_means(values: Array, width: float) -> tuple[Array, float]:
+    """Gaussian means over the first axis, which go on beyond the ends as they came, and the weight of a value in its own mean."""
+    from scipy.ndimage import gaussian_filter1d
+
+    n = len(values)
+    rows = min(n - 1, math.ceil(4.0 * width))
+    longer = np.pad(values, [(rows, rows)] + [(0, 0)] * (values.ndim - 1), mode="reflect", reflect_type="odd")
+    own = gaussian_filter1d(np.eye(1, 2 * rows + 1, rows)[0], width)[rows]
+    return gaussian_filter1d(longer, width, axis=0)[rows : rows + n], float(own)

@@ -11,7 +11,7 @@ import numpy as np
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import play_paths
-from rlgcomp.numerics.readings import Readings
+from rlgcomp.numerics.readings import Readings, diffuses
 from rlgcomp.numerics.relays import STARTS, relay_states, states_before
 from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
@@ -241,5 +241,5 @@ class _Bins:
         """A monitor on all bins, smoothed as far as its noise asks, straight lines over missing bins; a table may jump."""
         means = self.means.column(name)
         if name not in TURNING:
-            means = Readings.of(self.rows.column(name), means).values
+            means = Readings.of(self.rows.column(name), means, diffuses=diffuses(name)).values
         return np.interp(self.elapsed_s, self.since_s, means)
