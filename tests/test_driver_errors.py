@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.search import State
 from rlgcomp.diagnosis.terms import Form, Region
-from rlgcomp.numerics.readings import Readings, between_steps, noise_variance, rounding_step, smoothed
+from rlgcomp.numerics.readings import Readings, noise_variance, readings_of, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -71,39 +71,67 @@ def test_a_rounded_column_tells_its_step() -> None:
     assert rounding_step(np.round(values / 0.25) * 0.25) == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize("diffuses", [True, False])
 @pytest.mark.parametrize("noise", [0.002, 0.1])
-def test_the_course_behind_rounded_readings_is_nearer_the_driver(noise: float) -> None:
+def test_the_course_behind_rounded_readings_is_nearer_the_driver(noise: float, diffuses: bool) -> None:
     rng = np.random.default_rng(4)
     driver = 20.0 + 15.0 * np.interp(
         np.arange(3000), [0.0, 400.0, 1200.0, 1700.0, 2600.0, 3000.0], [0.0, 0.02, 1.0, 1.03, -0.6, -0.6]
     )
     read = np.round(driver + noise * rng.standard_normal(3000))
-    found = between_steps(read, 1.0)
-    assert found is not None
-    course, _ = found
-    assert np.max(np.abs(course - read)) <= 0.5
-    assert np.std(course - driver) < 0.65 * np.std(read - driver)
-    readings = Readings.of(read, read.reshape(600, 5).mean(axis=1))
+    readings = Readings.of(read, read.reshape(600, 5).mean(axis=1), diffuses=diffuses)
     left = (readings.values - driver.reshape(600, 5).mean(axis=1)) ** 2
-    assert left.mean() < readings.rounding.mean() < 0.6 / 12.0
+    assert left.mean() < 0.5 * np.mean((read - driver) ** 2)
+    assert left.mean() < 2.0 * readings.rounding.mean() < 1.2 / 12.0
 
 
 def test_noise_that_dithers_is_smoothed() -> None:
     rng = np.random.default_rng(4)
-    read = np.round(20.0 + 0.01 * np.arange(3000) + 0.4 * rng.standard_normal(3000))
-    readings = Readings.of(read, read.reshape(600, 5).mean(axis=1))
-    smooth = smoothed(read.reshape(600, 5).mean(axis=1), noise_variance(read) / 5.0)[0]
-    assert np.array_equal(readings.values, smooth)
-    assert readings.rounding[0] == pytest.approx(1.0 / 12.0)
+    driver = 20.0 + 8.0 * np.sin(np.arange(3000) / 120.0)
+    read = np.round(driver + 0.6 * rng.standard_normal(3000))
+    binned = read.reshape(600, 5).mean(axis=1)
+    monitor, thermometer = Readings.of(read, binned), Readings.of(read, binned, diffuses=True)
+    assert np.array_equal(monitor.values, smoothed(binned, noise_variance(read) / 5.0)[0])
+    assert monitor.rounding[0] == pytest.approx(1.0 / 12.0)
+    left = (thermometer.values - driver.reshape(600, 5).mean(axis=1)) ** 2
+    assert 0.2 < left.mean() / thermometer.variance.mean() < 4.0
 
 
 def test_states_and_jumps_are_no_steps_of_rounding() -> None:
     rng = np.random.default_rng(4)
     states = np.repeat(rng.integers(0, 3, 100), 20).astype(np.float64)
-    assert between_steps(states, 1.0) is None
-    assert between_steps(np.repeat(rng.integers(0, 40, 100), 20).astype(np.float64), 1.0) is None
     readings = Readings.of(states, states.reshape(400, 5).mean(axis=1))
     assert np.array_equal(readings.values, states.reshape(400, 5).mean(axis=1))
+    jumping = np.repeat(rng.integers(0, 40, 100), 20).astype(np.float64)
+    assert np.std(Readings.of(jumping, jumping.reshape(400, 5).mean(axis=1)).values - jumping.reshape(400, 5).mean(axis=1)) < 0.1
+
+
+def test_a_thermometer_that_jumps_is_left_as_it_is_read() -> None:
+    rng = np.random.default_rng(5)
+    read = np.where(np.arange(4000) < 2000, 20.0, 30.0) + 0.01 * rng.standard_normal(4000)
+    binned = read.reshape(800, 5).mean(axis=1)
+    readings = Readings.of(read, binned, diffuses=True)
+    assert np.max(np.abs(readings.values - np.where(np.arange(800) < 400, 20.0, 30.0))) < 0.1
+
+
+def test_two_columns_that_read_one_quantity_help_each_other() -> None:
+    rng = np.random.default_rng(6)
+    light = wandering(3000, 30.0, rng)
+    full = {
+        "light_intensity_V": light + 0.3 * rng.standard_normal(3000),
+        "readout_a_V": 0.5 * light + 0.01 * rng.standard_normal(3000),
+        "pressure_hPa": wandering(3000, 30.0, rng),
+    }
+    alone = Readings.of(full["light_intensity_V"], full["light_intensity_V"])
+    together = readings_of(full, full)
+    left = np.mean((together["light_intensity_V"].values - light) ** 2)
+    assert left < 0.3 * np.mean((alone.values - light) ** 2)
+    assert 0.3 < left / together["light_intensity_V"].variance.mean() < 3.0
+    unrelated = readings_of(
+        {"a_V": full["light_intensity_V"], "pressure_hPa": full["pressure_hPa"]},
+        {"a_V": full["light_intensity_V"], "pressure_hPa": full["pressure_hPa"]},
+    )
+    assert np.std(unrelated["a_V"].values - alone.values) < 0.1 * np.std(alone.values - light)
 
 
 def test_smooth_is_nearer_the_driver_and_keeps_jumps() -> None:

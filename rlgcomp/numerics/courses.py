@@ -220,7 +220,9 @@ def _smooth(
     return evidence
 
 
-def _replace(k: int, reading: float, step: float, noise: float, value: float, variance: float, shifts: Array, precisions: Array) -> float:
+def _replace(
+    k: int, reading: float, step: float, noise: float, value: float, variance: float, shifts: Array, precisions: Array
+) -> float:
     """The normal reading in place of a rounded one, from the posterior's moments; returns what joins the log evidence."""
     shift, precision = shifts[k], precisions[k]
     others = 1.0 / variance - precision

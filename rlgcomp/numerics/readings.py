@@ -1,9 +1,9 @@
 r"""Readings of a driver: their noise, the step to which they are rounded, and the course of the driver behind them.
 
-A gyro follows the driver and not what is read of it. A temperature is smooth, and what is rounded changes by few steps: their course
-is the posterior of :mod:`rlgcomp.numerics.courses`. Other columns that have noise are smoothed by a Gaussian whose width has the least
-risk, as far as smooths of all smaller widths agree, so that jumps stay; what other columns tell of their detail is no noise. What is
-left is an error of the driver.
+A gyro follows the driver and not what is read of it. A temperature is smooth, and what is rounded changes by few steps: their
+course is the posterior of :mod:`rlgcomp.numerics.courses`. Other columns that have noise are smoothed by a Gaussian whose width has
+the least risk, as far as smooths of all smaller widths agree, so that jumps stay; what other columns tell of their detail is no
+noise. What is left is an error of the driver.
 
 References
 ----------
@@ -80,7 +80,9 @@ class Readings:
         step, bins = rounding_step(full), len(binned)
         noise = noise_variance(full)
         rows = max(1, round(len(full) / bins))
-        whole = rows * bins <= len(full) and np.allclose(bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * max(step, np.ptp(full)))
+        whole = rows * bins <= len(full) and np.allclose(
+            bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * max(step, np.ptp(full))
+        )
         hidden = noise < (_DITHERED if diffuses else _HIDDEN) * step**2
         if hidden and whole and _few_steps(full, step, diffuses):
             each = min(rows, _OF_BIN)
@@ -123,14 +125,15 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
         Their means over bins.
     """
     alone = {name: Readings.of(full[name], values, diffuses=diffuses(name)) for name, values in binned.items()}
-    courses = {name: one.values / spread for name, one in alone.items() if (spread := float(np.std(one.values))) > 0.0}
+    spreads = {name: spread for name, one in alone.items() if (spread := float(np.std(one.values))) > 0.0}
     found = {}
     for name, one in alone.items():
-        others = [course for other, course in courses.items() if other != name]
-        if diffuses(name) or one.step or not one.noise or not others or not np.all(np.isfinite(others)):
+        others = {other: alone[other].values / spread for other, spread in spreads.items() if other != name}
+        if diffuses(name) or one.step or not one.noise or not others or not np.all(np.isfinite(list(others.values()))):
             found[name] = one
             continue
-        values, variance, widths = smoothed(binned[name], one.noise, np.column_stack(others))
+        errors = [float(np.mean(alone[other].variance + alone[other].rounding)) / spreads[other] ** 2 for other in others]
+        values, variance, widths = smoothed(binned[name], one.noise, np.column_stack(list(others.values())), np.array(errors))
         found[name] = dataclasses.replace(one, values=values, variance=variance, widths=widths)
     return found
 
@@ -169,7 +172,9 @@ def _few_steps(values: Array, step: float, diffuses: bool) -> bool:
     return len(np.unique(values)) >= _LEVELS and (diffuses or float(np.median(jumps)) <= 1.5 * step)
 
 
-def smoothed(values: Array, variance: float, others: Array | None = None) -> tuple[Array, Array, Array]:
+def smoothed(
+    values: Array, variance: float, others: Array | None = None, errors: Array | None = None
+) -> tuple[Array, Array, Array]:
     """The smooth of a series whose noise has a variance, the variance of what it leaves, and the widths used; shapes (n,).
 
     Parameters
@@ -179,6 +184,8 @@ def smoothed(values: Array, variance: float, others: Array | None = None) -> tup
     others : ndarray, shape (n, k), optional
         Courses of other columns. What is linear in their detail is no noise, so a wider smooth is left for the rest (P. Speckman,
         "Kernel smoothing in partial linear models", J. R. Stat. Soc. B 50, 413 (1988)).
+    errors : ndarray, shape (k,), optional
+        Their variances.
     """
     n = len(values)
     others = np.empty((n, 0)) if others is None else others
@@ -190,12 +197,15 @@ def smoothed(values: Array, variance: float, others: Array | None = None) -> tup
         if 4.0 * width >= n:
             break
         found, own = gaussian_means(values, width)
+        least = variance / (2.0 * math.sqrt(math.pi) * width)
         if others.shape[1]:
             detail = others - gaussian_means(others, width)[0]
-            found = found + detail @ np.linalg.lstsq(detail, values - found, rcond=1e-9)[0]
+            weights = np.linalg.lstsq(detail, values - found, rcond=1e-9)[0]
+            found = found + detail @ weights
             own += others.shape[1] / n
+            least += 0.0 if errors is None else float(weights**2 @ errors)
         risk = float(np.mean((values - found) ** 2)) + variance * (2.0 * own - 1.0)
-        tried.append((width, found, risk, variance / (2.0 * math.sqrt(math.pi) * width)))
+        tried.append((width, found, risk, min(least, variance)))
     best = min(range(len(tried)), key=lambda k: tried[k][2])
     low, high = (values + side * _AGREE * math.sqrt(variance) for side in (-1.0, 1.0))
     agrees = np.ones(n, dtype=np.bool_)
