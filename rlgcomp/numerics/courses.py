@@ -1,7 +1,7 @@
 r"""The smooth course behind readings that are rounded or have noise.
 
-Heat diffuses, so a temperature has no corners that matter: its rate is taken as a random walk. A reading :math:`r_k`, rounded to steps
-:math:`s` after noise of variance :math:`\sigma^2`, says that the course :math:`u` was within half a step of it,
+Heat diffuses, so a temperature has no corners that matter: its rate is taken as a random walk. A reading :math:`r_k`, rounded to
+steps :math:`s` after noise of variance :math:`\sigma^2`, says that the course :math:`u` was within half a step of it,
 
 .. math:: u'' = \sqrt q\, w, \qquad |u_k + \sigma \varepsilon_k - r_k| \le s / 2 .
 
@@ -140,7 +140,7 @@ class _Readings:
         return _ROUGH * max(float(np.mean(np.diff(self.values, 2) ** 2)), self.scale)
 
     def posterior(self, intensity: float) -> tuple[Array, Array, Array, float, float]:
-        """Means, variances, those of the rate, equivalent noise and log evidence at an intensity; the normal readings are left as they came out."""
+        """Means, variances, those of the rate, equivalent noise and log evidence; the normal readings stay as they came out."""
         n = len(self.values)
         means, variances, of_rate, forward = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 10))
         spread = float(np.max(np.diff(self.values) ** 2)) + self.scale  # of the first value, and of the first rate
