@@ -204,7 +204,7 @@ def train_unit(
     unit: Unit,
     folder: Path,
     *,
-    model: str = "lssvm",
+    model: str = "lssvm-dynamic",
     features: str = "all",
     averaging_s: float = 100.0,
     keep_mean: bool = False,

@@ -1,4 +1,4 @@
-"""The LS-SVM whose dynamics enter linearly, and so go on beyond the training range: fitted, saved and exported."""
+"""The LS-SVM in which every input enters linearly, and the history of temperature by that alone: fitted, saved and exported."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sklearn.base import clone
 
 import rlgcomp as rlg
 from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.models.kernels import kernel
+from rlgcomp.compensation.models.regularisation_path import leave_groups_out_path
 from rlgcomp.compensation.window_means import window_means
 from rlgcomp.export.expansion import expansion_of
 from rlgcomp.export.target import Options, export
 
+POLYNOMIAL = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 
@@ -37,12 +41,38 @@ def test_dynamics_enter_linearly(model: rlg.Compensator, short_runs: list[rlg.Re
     assert result.floor_ratio < 1.2
 
 
-def test_without_dynamics_it_is_the_lssvm(short_runs: list[rlg.Recording]) -> None:
-    both = [
-        rlg.Compensator(MODELS[name].make(), features="temperature").fit(short_runs[:2]).predict(short_runs[2])["bias_deg_h"]
-        for name in ("lssvm", "lssvm-dynamic")
-    ]
-    assert (both[0] == both[1]).all()
+def test_it_is_the_default_but_with_known_physics(short_runs: list[rlg.Recording]) -> None:
+    default = rlg.Compensator(features="temperature").fit(short_runs[:2])
+    assert default.specification_ is MODELS["lssvm-dynamic"]
+    hybrid = rlg.Compensator(features="temperature", physics=rlg.Simulator.from_mapping(POLYNOMIAL)).fit(short_runs[:2])
+    assert hybrid.specification_ is MODELS["lssvm"]
+
+
+@pytest.mark.parametrize("linear", [(), (1, 3), (0, 1, 2, 3)])
+def test_folds_with_a_trend_are_those_of_brute_force(linear: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(8)
+    X, runs = rng.standard_normal((60, 4)), np.repeat(np.arange(5), 12)
+    y = np.sin(X[:, 0]) + X @ [0.3, -1.0, 0.5, 2.0] + 0.1 * rng.standard_normal(60) + 0.2 * runs
+    model = rlg.LSSVMRegressor(c=20.0, sigma=2.0, run_variance=0.7, linear=linear, trend=True)
+    residuals = clone(model).fit(X, y, runs=runs).leave_groups_out(runs)
+    path = leave_groups_out_path(
+        kernel("gaussian", {"sigma": 2.0}, *2 * [np.delete(X, list(linear), axis=1)]), y, runs, [20.0], definite=True, columns=X
+    )
+    for label in range(5):
+        out = runs == label
+        other = clone(model).fit(X[~out], y[~out], runs=runs[~out])
+        assert residuals[out] == pytest.approx(y[out] - other.predict(X[out]), abs=1e-10)
+        alone = clone(model).set_params(run_variance=0.0).fit(X[~out], y[~out])
+        assert path[0, out] == pytest.approx(y[out] - alone.predict(X[out]), abs=1e-7)
+
+
+def test_a_trend_goes_on_where_the_kernel_ends() -> None:
+    x = np.linspace(-1.0, 1.0, 40)[:, None]
+    model = rlg.LSSVMRegressor(c=100.0, sigma=0.5, trend=True).fit(x, 3.0 * x[:, 0] + 1.0)
+    assert model.predict([[50.0]]) == pytest.approx(151.0, abs=1e-6)
+    assert model.coef_ == pytest.approx(3.0)
+    with pytest.raises(rlg.InputError, match="of one output"):
+        model.fit(x, np.column_stack([x, x]))
 
 
 def test_it_is_saved_and_loaded(model: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path) -> None:

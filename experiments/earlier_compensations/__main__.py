@@ -22,7 +22,7 @@ from rlgcomp.compensation.window_means import window_means
 TRAINING = ("paper", "minor-loops")
 HELD_OUT = "reversed"
 FOUR = ("temperature", "temperature_rate", "light_intensity", "readout_difference")
-OWN = ("cubic", "dynamic", "lssvm")
+OWN = ("cubic", "dynamic", "lssvm", "lssvm-dynamic")
 EARLIER: dict[str, Callable[..., tuple[Any, Any]]] = {
     "sensors by sum of squared errors, cubic": sensor_selection,
     "support vectors by particle swarm": swarm_support_vectors,
@@ -31,7 +31,7 @@ EARLIER: dict[str, Callable[..., tuple[Any, Any]]] = {
 
 
 def compared(
-    runs: Sequence[rlg.Recording], test: rlg.Recording, features: str, averaging_s: float, gyro: str | None
+    runs: Sequence[rlg.Recording], test: rlg.Recording, features: str, averaging_s: float, gyro: str | None, own: bool = False
 ) -> dict[str, list[float]]:
     """Standard deviation and root mean square held out in deg/h, and processor seconds, by method.
 
@@ -45,6 +45,8 @@ def compared(
         As the compensator takes them.
     averaging_s : float
     gyro : str, optional
+    own : bool
+        The package's models alone.
     """
     logging.disable(logging.WARNING)
     results: dict[str, list[float]] = {}
@@ -62,7 +64,7 @@ def compared(
         (X, y, _), groups = model.training_rows(), model.run_labels()
         scaling = model.scaling_
         rows = scaling.inputs(held_out.X)
-        for name, method in EARLIER.items():
+        for name, method in ({} if own else EARLIER).items():
             begin = time.process_time()
             _, predict = method(X, y, groups)
             seconds = time.process_time() - begin
@@ -73,11 +75,11 @@ def compared(
     return results
 
 
-def of_unit(seed: int, features: str) -> dict[str, list[float]]:
+def of_unit(seed: int, features: str, own: bool = False) -> dict[str, list[float]]:
     """:func:`compared` for one simulated unit: another programme is held out than those trained on."""
     gyro = rlg.simulated_unit(seed)
     runs = [gyro.simulate(programme, seed=10 * seed + k, name=programme) for k, programme in enumerate(TRAINING)]
-    return compared(runs, gyro.simulate(HELD_OUT, seed=10 * seed + 9), features, 100.0, None)
+    return compared(runs, gyro.simulate(HELD_OUT, seed=10 * seed + 9), features, 100.0, None, own)
 
 
 def of_axis(axis: str) -> dict[str, list[float]]:
@@ -92,6 +94,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--units", type=int, default=10, help="simulated gyro units (default 10)")
     parser.add_argument("--legs", action="store_true", help="the legs of a MEMS IMU's thermal cycle (../shared/data/real)")
+    parser.add_argument("--own", action="store_true", help="the package's models alone, on the simulated units")
     Work.add_options(parser, "earlier_compensations")
     options = parser.parse_args(argv)
     work = Work.of(options)
@@ -100,14 +103,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         show_table("MEMS IMU, last leg held out: rms in deg/h, all inputs", _legs(axes))
         return
     for title, features in (("all inputs", "all"), ("the paper's four inputs", ",".join(FOUR))):
-        units = work.results("earlier methods", of_unit, [(seed, features) for seed in range(options.units)])
+        units = work.results("earlier methods", of_unit, [(seed, features, options.own) for seed in range(options.units)])
         show_table(f"{len(units)} simulated units, '{HELD_OUT}' held out: bias stability in deg/h, {title}", _units(units))
 
 
 def _units(units: Sequence[dict[str, list[float]]]) -> list[dict[str, str]]:
     floor = np.array([unit["noise of the means"][0] for unit in units])
     table = []
-    for name in ("none", *OWN, *EARLIER, "noise of the means"):
+    for name in [name for name in ("none", *OWN, *EARLIER, "noise of the means") if name in units[0]]:
         values, seconds = (np.array([unit[name][k] for unit in units]) for k in (0, 2))
         table.append(
             {

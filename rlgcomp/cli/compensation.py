@@ -34,7 +34,7 @@ from rlgcomp.cli.base import (
     require_recording,
 )
 from rlgcomp.cli.ending import notify
-from rlgcomp.cli.physics import AUTO, physics_of, require_physics
+from rlgcomp.cli.physics import AUTO, MODEL_OF_PHYSICS, physics_of, require_physics
 from rlgcomp.cli.show import show_evaluation, show_json, show_table
 
 if TYPE_CHECKING:
@@ -53,13 +53,14 @@ def train(
     runs: Runs,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="MODEL", help="Model folder to write; an earlier run's is replaced.")],
     model: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
-            help="lssvm, lssvm-dynamic (rate, lag and memory of temperature linearly, for runs beyond the range of training), "
+            help="lssvm-dynamic (every input linearly, and a kernel of those that are no rate, lag or memory of temperature; the "
+            "default), lssvm (a kernel of all inputs; the default with --physics or --device), "
             "fixed-size (for many rows), cubic, dynamic, kernels, kernel-ridge, svr, gaussian-process or sequence.",
         ),
-    ] = "lssvm",
+    ] = None,
     features: Annotated[
         str,
         typer.Option(
@@ -138,7 +139,7 @@ def train(
     Two runs of 11 h take seconds. The same command resumes a search that was interrupted. With --adapt, model, features and
     averaging are those of the adapted model.
 
-    Example: `rlgcomp train cold.parquet hot.parquet --model lssvm --features all --out models/unit-17`
+    Example: `rlgcomp train cold.parquet hot.parquet --model lssvm-dynamic --features all --out models/unit-17`
 
     Example: `rlgcomp train cold.parquet hot.parquet --physics diagnosis/augmented.yaml --out models/unit-17`
 
@@ -150,12 +151,14 @@ def train(
     """
     from rlgcomp.compensation.artefact import identity
     from rlgcomp.compensation.compensator import Compensator, load
-    from rlgcomp.compensation.models import MODELS
+    from rlgcomp.compensation.models import DEFAULT, MODELS
     from rlgcomp.compensation.models.specification import sequential
     from rlgcomp.errors import InputError
     from rlgcomp.recording.provenance import with_digests
 
     _require_folders(out, export, runs, adapt, calibration, simulator, None if physics in (None, AUTO) else Path(physics))
+    if model is None:
+        model = DEFAULT if physics is None and device is None else MODEL_OF_PHYSICS
     if model not in MODELS:
         raise InputError(f"--model {model!r} is unknown; known are {', '.join(MODELS)}")
     require_physics(physics, simulator, model=model, device=device, adapted=adapt is not None)

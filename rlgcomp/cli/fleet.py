@@ -23,7 +23,7 @@ def fleet(
         typer.Argument(metavar="UNITS.csv", help="Columns unit and train, for diagnose also test and simulator; ';' between runs."),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for one folder a unit, and fleet.json.")],
-    model: Annotated[str, typer.Option(metavar="NAME", help="Of train: as for `rlgcomp train`.")] = "lssvm",
+    model: Annotated[str, typer.Option(metavar="NAME", help="Of train: as for `rlgcomp train`.")] = "lssvm-dynamic",
     features: Annotated[str, typer.Option(metavar="NAME,NAME,...", help="Of train: as for `rlgcomp train`.")] = "all",
     averaging_s: Annotated[float, typer.Option(metavar="S", help="Of train: averaging time in s.")] = 100.0,
     keep_mean: Annotated[bool, typer.Option("--keep-mean", help="Of train: as for `rlgcomp train`.")] = False,

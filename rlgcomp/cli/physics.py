@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rlgcomp.simulation.simulator import Simulator
 
 AUTO: Final = "auto"
-MODEL: Final = "lssvm"  # that known physics goes with
+MODEL_OF_PHYSICS: Final = "lssvm"  # that known physics goes with
 
 
 def require_physics(physics: str | None, simulator: Path | None, *, model: str, device: str | None, adapted: bool) -> None:
@@ -42,9 +42,9 @@ def require_physics(physics: str | None, simulator: Path | None, *, model: str, 
         raise InputError("--simulator is for --physics auto, which diagnoses the runs against it; give both, or neither")
     if physics is None:
         return
-    if model != MODEL or device is not None or adapted:
+    if model != MODEL_OF_PHYSICS or device is not None or adapted:
         other = "--adapt" if adapted else f"--device {device}" if device is not None else f"--model {model}"
-        raise InputError(f"--physics is for --model {MODEL}, not for {other}; leave one of them out")
+        raise InputError(f"--physics is for --model {MODEL_OF_PHYSICS}, not for {other}; leave one of them out")
 
 
 def physics_of(physics: str | None, simulator: Path | None, runs: Sequence[Recording], gyro: str | None) -> Simulator | None:

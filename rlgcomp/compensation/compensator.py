@@ -29,7 +29,7 @@ from rlgcomp.compensation.held_out_errors import HeldOutErrors
 from rlgcomp.compensation.input_selection import ChosenInputs
 from rlgcomp.compensation.interval import Interval, require_turn_on
 from rlgcomp.compensation.known_physics import HybridInputs, amplitudes_of, parts_of, require_lssvm
-from rlgcomp.compensation.models import specification_of
+from rlgcomp.compensation.models import DEFAULT, MODELS, specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.compensation.models.specification import grouping, require_regressor, sequential
@@ -55,7 +55,8 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     model : estimator, optional
-        A scikit-learn regressor, which is not changed; by default :class:`~rlgcomp.LSSVMRegressor`.
+        A scikit-learn regressor, which is not changed. By default a :class:`~rlgcomp.LSSVMRegressor` in which every input enters
+        linearly, and those that are no history of temperature by the kernel as well; with `physics` the kernel takes all inputs.
     features : str or sequence of str
         "all", groups such as "temperature,temperature_rate", or further columns; see
         :func:`rlgcomp.compensation.feature_pipeline.pipeline_for`.
@@ -175,7 +176,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             regressor; or a parameter is out of bounds.
         """
         runs, workers = require_recordings(runs, "runs"), require_workers(self.n_jobs)
-        model = LSSVMRegressor() if self.model is None else self.model
+        model = _default_model(self.physics) if self.model is None else self.model
         require_regressor(model)
         require_lssvm(model, self.physics)
         require_turn_on(self.turn_on_deg_h)
@@ -209,13 +210,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
             logger.warning(
                 "one run only: parameters are selected on %d blocks of it; expect less on another programme", BLOCKS_OF_ONE_RUN
             )
-        model = clone(model)
-        if len(runs) == 1 and model.get_params().get("run_variance", 0.0) is None:
-            model.set_params(run_variance=0.0)  # blocks of one run have one bias
-        if self.pipeline_.physics:
-            model.set_params(linear=self.pipeline_.physics)
-        if model.get_params().get("linear") == DYNAMICS:
-            model.set_params(linear=self.pipeline_.dynamic)
+        model = _resolved(model, self.pipeline_, one_run=len(runs) == 1)
         self.selection_ = (
             Selection({}, None, pd.DataFrame())
             if self.specification_ is None
@@ -502,6 +497,22 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """Raise `InputError` unless it is fitted."""
         if not hasattr(self, "model_"):
             raise InputError("this Compensator is not fitted yet; call .fit(runs), or load one with rlgcomp.load")
+
+
+def _default_model(physics: Simulator | None) -> Any:
+    return MODELS[DEFAULT].make() if physics is None else LSSVMRegressor()
+
+
+def _resolved(model: Any, pipeline: FeatureRecipe, *, one_run: bool) -> Any:
+    """A copy of the model with the parameters that follow from the runs and their features."""
+    model = clone(model)
+    if one_run and model.get_params().get("run_variance", 0.0) is None:
+        model.set_params(run_variance=0.0)  # blocks of one run have one bias
+    if pipeline.physics:
+        model.set_params(linear=pipeline.physics, trend=False)
+    if model.get_params().get("linear") == DYNAMICS:
+        model.set_params(linear=pipeline.dynamic)
+    return model
 
 
 def load(path: str | Path) -> Compensator:

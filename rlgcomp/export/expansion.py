@@ -76,8 +76,8 @@ class Expansion:
     physics_limits : ndarray, shape (2, terms)
         Where they are clipped.
     straight_deg_h : ndarray, shape (features,)
-        In deg/h per unit of the clipped input less its offset: of inputs that enter linearly, whose scale is infinite, so that x is
-        zero. Empty where there are none.
+        In deg/h per unit of the clipped input less its offset: of inputs that enter linearly. The scale of those that the kernel
+        does not take is infinite, so that x is zero. Empty where there are none.
     """
 
     form: Form
@@ -265,9 +265,9 @@ def expansion_of_model(model: Any, scaling: Scaling, reference_deg_h: float = 0.
             coefficients = scaling.y_scale_deg_h * np.asarray(model.coef_) / scaling.scale[physics]
             limits = np.vstack([least[physics], most[physics]])
             common |= {"physics_mean": scaling.mean[physics], "physics_deg_h": coefficients, "physics_limits": limits}
-        elif model.linear:
-            straight, scale = np.zeros(d), scaling.scale.copy()
-            straight[list(model.linear)] = scaling.y_scale_deg_h * np.asarray(model.coef_) / scale[list(model.linear)]
+        elif model.straight:
+            straight, scale, places = np.zeros(d), scaling.scale.copy(), list(model.straight_places)
+            straight[places] = scaling.y_scale_deg_h * np.asarray(model.coef_) / scale[places]
             scale[list(model.linear)] = np.inf
             common |= {"straight_deg_h": straight, "scale": scale}
         if model.without_kernel:

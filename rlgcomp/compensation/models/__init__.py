@@ -23,6 +23,7 @@ MODELS: Final[MappingProxyType[str, ModelSpecification]] = MappingProxyType(
         )
     }
 )
+DEFAULT: Final = "lssvm-dynamic"  # of a compensation without known physics
 
 
 def specification_of(model: Any) -> ModelSpecification | None:

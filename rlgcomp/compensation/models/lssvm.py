@@ -18,8 +18,9 @@ group G of rows that is left out has the residuals
 .. math:: e_G = C_{GG}^{-1} \alpha_G, \qquad\text{one row}\qquad e_i = \alpha_i / C_{ii},
 
 from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may enter linearly instead, as
-further columns of the border (a semi-parametric LS-SVM): see :mod:`rlgcomp.compensation.models.border`. Runs have
-biases of their own, each a column whose coefficient is random: see :mod:`rlgcomp.compensation.models.run_biases`.
+further columns of the border (a semi-parametric LS-SVM), or beside the kernel as its trend: see
+:mod:`rlgcomp.compensation.models.border`. Runs have biases of their own, each a column whose coefficient is random: see
+:mod:`rlgcomp.compensation.models.run_biases`.
 
 References
 ----------
@@ -98,6 +99,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     linear : tuple of int or "dynamics", default ()
         Inputs that enter linearly, without regularisation, and not by the kernel: known physics. "dynamics": a Compensator takes
         the inputs that depend on the history of temperature. Not with several outputs or a device.
+    trend : bool, default False
+        The inputs of the kernel enter linearly as well, without regularisation, so that the kernel learns what a plane leaves
+        (universal kriging). Not with several outputs or a device.
     device : {None, "auto", "cpu", "cuda", "cuda:0"}, default None
         None computes by NumPy and SciPy. A name computes by torch in that device's memory for n²/2 numbers, for tens of thousands
         of rows; "auto" is a graphics card where there is one. Fits and predictions agree to rounding. It is not saved with a model.
@@ -108,9 +112,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Their sum is zero.
     intercept_ : float, or ndarray of shape (outputs,)
         b.
-    coef_ : ndarray, shape (linear,)
+    coef_ : ndarray, shape (linear,), or (features,) with a trend
         Coefficients of the inputs that enter linearly.
-    coef_std_ : ndarray, shape (linear,)
+    coef_std_ : ndarray, of the same shape
         Their standard deviations.
     X_fit_ : ndarray, shape (n, features)
         The centres: the training rows of positive weight.
@@ -149,6 +153,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         robust: bool = False,
         run_variance: float | None = None,
         linear: tuple[int, ...] = (),
+        trend: bool = False,
         device: str | None = None,
     ) -> None:
         self.kernel = kernel
@@ -160,6 +165,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.robust = robust
         self.run_variance = run_variance
         self.linear = linear
+        self.trend = trend
         self.device = device
 
     def fit(
@@ -219,13 +225,13 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             diagonal = diagonal[:, None]
         else:
             self.alpha_, coefficients = solved.solve(target)
-            self.intercept_, self.coef_ = float(coefficients[0]), coefficients[1:] if self.linear else None
+            self.intercept_, self.coef_ = float(coefficients[0]), coefficients[1:] if self.straight else None
         self._solved = solved if self.device is None else None  # a device's memory is freed
         self.loo_residuals_ = self.alpha_ / diagonal
         mean_square = np.mean(self.alpha_**2 / diagonal, axis=0)  # negative only if the kernel is indefinite
         scale = np.sqrt(np.maximum(0.0, mean_square))
         self.scale_ = scale if target.ndim > 1 else float(scale)
-        if self.linear and isinstance(solved, KKTSystem):
+        if self.straight and isinstance(solved, KKTSystem):
             self.coef_std_ = self.scale_ * np.sqrt(np.maximum(solved.coefficient_variances()[1:], 0.0))
         return self
 
@@ -250,7 +256,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         sums = self._sums(inputs, self.alpha_) if self.alpha_.ndim == 1 else self._each(lambda alpha: self._sums(inputs, alpha))
         prediction = sums + self.intercept_
         if self.coef_ is not None:
-            for place, coefficient in zip(self.linear, self.coef_.tolist(), strict=True):  # the same bits for a row alone
+            for place, coefficient in zip(self.straight_places, self.coef_.tolist(), strict=True):  # the same bits for a row alone
                 prediction = prediction + coefficient * inputs[:, place]
         return (prediction, self._std(inputs)) if return_std else prediction
 
@@ -260,9 +266,19 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return _SYNONYMS.get(self.kernel, self.kernel)
 
     @property
+    def straight(self) -> bool:
+        """Whether inputs enter linearly."""
+        return bool(self.linear) or self.trend
+
+    @property
+    def straight_places(self) -> tuple[int, ...]:
+        """Places of the inputs that enter linearly, in the order of their coefficients."""
+        return tuple(range(self.n_features_in_)) if self.trend else tuple(self.linear)
+
+    @property
     def without_kernel(self) -> bool:
         """Whether inputs that enter linearly are all there is."""
-        return bool(self.linear) and self.c <= WITHOUT_KERNEL
+        return self.straight and self.c <= WITHOUT_KERNEL
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -281,7 +297,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         require_choice(self, "kernel", ("gaussian", "rbf"))
-        if self.linear:
+        if self.straight:
             raise InputError("a row predictor is of a kernel alone, and inputs of this model enter linearly; use predict")
         if self.alpha_.ndim > 1:
             raise InputError(f"a row predictor has one output, and this model {self.alpha_.shape[1]}; use predict")
@@ -321,7 +337,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if solved is None:
             solved = self._with_run_biases(self._kkt_system_of(self.X_fit_)(self.c * self.weights_))
             self._solved = solved if self.device is None else None
-        if self.linear and isinstance(solved, KKTSystem):
+        if self.straight and isinstance(solved, KKTSystem):
             return self._leave_groups_out(solved, numbers)
         if self.alpha_.ndim == 1:
             return solved.leave_groups_out(self.alpha_, numbers)
@@ -329,7 +345,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def _leave_groups_out(self, solved: KKTSystem, groups: npt.NDArray[np.intp]) -> Array:
         """In closed form; folds without which a column of the border is not determined are fitted again, its coefficient least."""
-        border, residuals = Border.of(self.X_fit_[:, list(self.linear)]), np.empty(len(self.alpha_))
+        border, residuals = Border.of(self.straight_columns(self.X_fit_)), np.empty(len(self.alpha_))
         determined = np.array([border.determined_without(groups == label) for label in np.unique(groups)])
         inside = determined[groups]
         if inside.any():
@@ -356,6 +372,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """Raise `InputError` unless every parameter is allowed."""
         require_choice(self, "kernel", _KERNELS)
         require_choice(self, "robust", (False, True))
+        require_choice(self, "trend", (False, True))
         require_number(self, "c", low=0.0, open_low=True)
         require_number(self, "sigma", low=0.0, open_low=True)
         require_number(self, "degree", low=1, high=9, whole=True)
@@ -372,10 +389,13 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
 
     def require_linear(self, features: int, target: Array) -> None:
         """Refuse inputs that enter linearly where there are none such, or where the system has no border for them."""
-        if self.linear and (max(self.linear) >= features or target.ndim > 1 or self.device is not None):
-            raise InputError(
-                f"linear names inputs {tuple(self.linear)} of {features}; they must be among them, of one output, without a device"
-            )
+        if self.straight and (max(self.linear, default=0) >= features or target.ndim > 1 or self.device is not None):
+            names = f"linear names inputs {tuple(self.linear)}" if self.linear else "trend is of all inputs,"
+            raise InputError(f"{names} of {features}; they must be among them, of one output, without a device")
+
+    def straight_columns(self, X: Array) -> Array:
+        """The inputs that enter linearly."""
+        return X if self.trend else X[:, list(self.linear)]
 
     def _smooth(self, X: Array) -> Array:
         """The inputs that the kernel takes."""
@@ -420,7 +440,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """From gamma v, row by row, to the KKT system of the rows X."""
         if self.device is not None:
             return functools.partial(DeviceKKTSystem, self.kernel_name, self.get_params(), X, self.device)
-        smooth, border = self._smooth(X), Border.of(X[:, list(self.linear)])
+        smooth, border = self._smooth(X), Border.of(self.straight_columns(X))
         return functools.partial(KKTSystem, kernel(self.kernel_name, self.get_params(), smooth, smooth), border=border)
 
     def _std(self, X: Array) -> Array:
@@ -435,7 +455,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if self.device is not None:
             system = DeviceKKTSystem(self.kernel_name, self.get_params(), self.X_fit_, self.device, self.c * self.weights_)
             return system.variance_reduction(X)
-        smooth, border = self._smooth(self.X_fit_), Border.of(self.X_fit_[:, list(self.linear)])
+        smooth, border = self._smooth(self.X_fit_), Border.of(self.straight_columns(self.X_fit_))
         across = kernel(self.kernel_name, self.get_params(), self._smooth(X), smooth)
         gram = kernel(self.kernel_name, self.get_params(), smooth, smooth)
         if self.runs_ is not None:
@@ -444,7 +464,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([border.basis, across.T]), assume_a="sym"
         )
         of_border, each = np.split(solved, [border.basis.shape[1]], axis=1)
-        rest = np.column_stack([np.ones(len(X)), X[:, list(self.linear)]]) @ border.back - across @ of_border
+        rest = np.column_stack([np.ones(len(X)), self.straight_columns(X)]) @ border.back - across @ of_border
         uncertain = linalg.solve(border.basis.T @ of_border, rest.T, assume_a="sym")
         return np.asarray(np.einsum("ij,ji->i", across, each) - np.einsum("ij,ji->i", rest, uncertain))
 
@@ -499,7 +519,7 @@ def _batches(features: int) -> list[list[dict[str, Any]]]:
 def _batches_of(model: LSSVMRegressor, features: int) -> list[list[dict[str, Any]]]:
     """With inputs that enter linearly, their sum without a kernel's part is the first candidate, and smaller c are tried."""
     batches = _batches(max(1, features - len(model.linear)))
-    if not model.linear:
+    if not model.straight:
         return batches
     less = [[{"sigma": batch[0]["sigma"], "c": c} for c in (1e-3, 1e-2)] + batch for batch in batches]
     less[0].insert(0, {"sigma": batches[0][0]["sigma"], "c": WITHOUT_KERNEL})
@@ -509,14 +529,14 @@ def _batches_of(model: LSSVMRegressor, features: int) -> list[list[dict[str, Any
 def _rmse_of_batch(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
     sigma = candidates[0]["sigma"]
     c = np.array([candidate["c"] for candidate in candidates])
-    if model.linear and len(y) > MANY_ROWS:  # c, of noise over function, is that of fewer rows
+    if model.straight and len(y) > MANY_ROWS:  # c, of noise over function, is that of fewer rows
         step = -(-len(y) // MANY_ROWS)
         X, y, groups = X[::step], y[::step], groups[::step]
     if model.kernel_name == "gaussian" and not model.robust and len(y) > MANY_ROWS:
         return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c, run_biases=model.run_variance is None)
     smooth = np.delete(X, list(model.linear), axis=1)
     gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, smooth, smooth)
-    runs, columns = groups if model.run_variance is None else None, X[:, list(model.linear)]
+    runs, columns = groups if model.run_variance is None else None, model.straight_columns(X)
     residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs, columns=columns)
     return between_and_within(residuals, groups)
 
@@ -529,9 +549,10 @@ def _check(model: LSSVMRegressor, features: int) -> None:
     if model.runs_ is not None:
         require_shape(model, "runs_", len(model.X_fit_))
     model.require_linear(features, model.alpha_)
-    if model.linear:
-        require_shape(model, "coef_", len(model.linear))
-        require_shape(model, "coef_std_", len(model.linear))
+    if model.straight:
+        count = features if model.trend else len(model.linear)
+        require_shape(model, "coef_", count)
+        require_shape(model, "coef_std_", count)
     if model.run_variance_ < 0.0:
         raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
 
@@ -553,4 +574,4 @@ def _specification(name: str, **defaults: Any) -> ModelSpecification:
 
 
 SPECIFICATION: Final = _specification("lssvm")
-SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS))
+SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS, trend=True))

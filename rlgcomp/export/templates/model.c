@@ -31,7 +31,7 @@ static const real MOST[INPUTS] = { {{ listed(e.most) }} };
 static const real OFFSET[INPUTS] = { {{ listed(e.offset) }} };
 static const real PER_SCALE[INPUTS] = { {{ listed(1.0 / e.scale) }} };
 {% if straight %}
-/* Inputs that enter linearly, deg/h per unit; to the kernel they are nothing. */
+/* Inputs that enter linearly, deg/h per unit. */
 static const real STRAIGHT[INPUTS] = { {{ listed(e.straight_deg_h) }} };
 {% endif %}
 {% if physics %}
