@@ -22,10 +22,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="*", help="numbers of cases")
+    parser.add_argument("--readers", nargs="*", choices=list(READERS), metavar="READER", help="their cases alone")
     parser.add_argument("--keep", type=Path, help="folder for the files of faults")
     options = parser.parse_args()
     began = time.monotonic()
-    numbers = options.only or range(options.cases)
+    names = list(READERS)
+    numbers = [case for case in options.only or range(options.cases) if names[case % len(names)] in (options.readers or names)]
     pieces = [numbers[first : first + _AT_ONCE] for first in range(0, len(numbers), _AT_ONCE)]
     total = Counts(collections.Counter(), collections.Counter(), [])
     crashed = 0

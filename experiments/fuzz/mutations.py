@@ -1,12 +1,17 @@
-"""Mutations of bytes, of tokens in text, and of plain data."""
+"""Mutations of bytes, of tokens in text, of plain data and of tables."""
 
 from __future__ import annotations
 
 import copy
+import json
 import re
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
+import yaml
+
+from rlgcomp.files import to_json
 
 NUMBERS: Final = (
     *(
@@ -49,7 +54,7 @@ VALUES: Final = (
     *([], {}, [[]], [None], {"value": None, "free": True}, {"value": "x", "free": 1}, {"": {}}, [1, 2, 3], {"a": [1, {"b": 2}]}),
 )
 SIGNS: Final = ("", "x", '"', "'", "NaN", "#", "\t", ";", "\r", "\u2028", "é", "\x00")
-SIGNS: Final = ("", "x", '"', "'", "NaN", "#", "\t", ";", "\r", "\u2028", "é", "\x00")
+NAMES: Final = ("", "time_s", "gyro_deg_h", "x", "\x1b[2J", "$a^{", "gyro_pulses", "a/b", "<script>alert(1)</script>", "é %s {x}")
 _TOKEN: Final = re.compile(r"[+-]?\d+\.?\d*(?:[eE][+-]?\d+)?")
 
 
@@ -156,3 +161,67 @@ def _changed(value: Any, path: tuple[Any, ...], rng: np.random.Generator) -> Any
 
 def _any(rng: np.random.Generator) -> Any:
     return copy.deepcopy(VALUES[int(rng.integers(0, len(VALUES)))])
+
+
+def mutated_table(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
+    """A table with values, types, names and rows of some columns changed."""
+    for _ in range(int(rng.integers(1, 4))):
+        column = str(rng.choice(list(map(str, table.columns))))
+        kind = rng.integers(0, 9)
+        if column not in table or isinstance(table[column], pd.DataFrame):
+            continue
+        if kind <= 3:
+            rows = rng.random(len(table)) < rng.choice([0.01, 0.3, 1.0])
+            value = float(rng.choice([1e308, -1e308, 1e16, np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-320, 1e100, -273.15, 1e6]))
+            table = table.assign(**{column: table[column].mask(rows, value)})
+        elif kind == 4:
+            table = table.assign(**{column: table[column].astype(str)})
+        elif kind == 5:
+            table = table.assign(**{column: [[1.0, 2.0] for _ in range(len(table))]})
+        elif kind == 6:
+            table = table.rename(columns={column: str(rng.choice(NAMES))})
+        elif kind == 7:
+            table = table.assign(**{column: table[column].to_numpy()[::-1]})
+        else:
+            table = table.iloc[: int(rng.integers(0, 4))]
+    return table
+
+
+def mutated_yaml(value: Any, rng: np.random.Generator) -> bytes:
+    """YAML of changed data, or changed YAML."""
+    if rng.random() < 0.5:
+        try:
+            text = yaml.safe_dump(data_of(value, rng), allow_unicode=True)
+        except RecursionError:  # too deep for the writer; the reader's own limit is far below
+            text = "[" * 500 + "]" * 500
+    else:
+        text = tokens_of(yaml.safe_dump(value), rng)
+        if rng.random() < 0.4:
+            tag = str(
+                rng.choice(
+                    [
+                        "!!int",
+                        "!!float",
+                        "!!bool",
+                        "!!timestamp",
+                        "!!set",
+                        "!!omap",
+                        "!!binary",
+                        "!!python/name:os.system",
+                        "&a",
+                        "*a",
+                    ]
+                )
+            )
+            text = text.replace(": ", f": {tag} ", int(rng.integers(1, 4)))
+    content = text.encode(errors="surrogatepass")
+    return bytes_of(content, rng) if rng.random() < 0.3 else content
+
+
+def mutated_json(value: Any, rng: np.random.Generator) -> bytes:
+    """JSON of changed data, or changed JSON."""
+    if rng.random() < 0.6:
+        content = json.dumps(data_of(value, rng)).encode(errors="surrogatepass")
+    else:
+        content = tokens_of(to_json(value), rng).encode(errors="surrogatepass")
+    return bytes_of(content, rng) if rng.random() < 0.3 else content

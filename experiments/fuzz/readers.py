@@ -7,27 +7,24 @@ import functools
 import gzip
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pandas as pd
-import yaml
-from typer.testing import CliRunner
 
 import rlgcomp as rlg
 from experiments.fuzz.containers import MAKERS, MAPPINGS
-from experiments.fuzz.mutations import NUMBERS, bytes_of, data_of, tokens_of
+from experiments.fuzz.mutations import NUMBERS, bytes_of, data_of, mutated_json, mutated_table, mutated_yaml, tokens_of
+from experiments.fuzz.results import HYBRIDS, command, pages, physics_file, result_seeds, turntable, two_loggers
 from rlgcomp.calibration.file import Calibration
 from rlgcomp.challenge.seal import reveal
 from rlgcomp.cli import register_commands
-from rlgcomp.cli.base import app
 from rlgcomp.cli.diagnosis import measured_noise
 from rlgcomp.compensation.compensator import load
 from rlgcomp.compensation.models.specification import ModelSpecification
 from rlgcomp.compensation.selection import select
-from rlgcomp.files import from_json, from_yaml, sha256, to_json
+from rlgcomp.files import from_json, from_yaml, sha256
 from rlgcomp.fleet import read_fleet, run_fleet
 from rlgcomp.recording.formats import FORMATS, column_names, csv, hdf5, matlab, parquet, read
 from rlgcomp.recording.formats.pieces import gyros_of, read_pieces
@@ -59,6 +56,7 @@ OPTIONS: Final = (
     "--averaging-s", "--model", "--features", "--gyro", "--map", "--drop", "--pulse-arcsec", "--jobs", "--seed", "--step-s", "--profile",
     "--json", "--calibration", "--out", "--noise", "--train", "--test", "--simulator", "--idle-s", "--follow", "--overwrite", "--to",
     "--period-s", "--help", "-x", "--", "--device", "--adapt", "--export",
+    "--physics", "--max-bytes", "--max-centres", "--report", "--offset", "--offset-s", "--shared", "--hide", "--mechanism", "--tau",
 )  # fmt: skip
 
 
@@ -79,7 +77,8 @@ def seeds(folder: Path) -> dict[str, Any]:
     choice = (rlg.LSSVMRegressor(), X, X.sum(axis=1), np.repeat([0, 1], 10))
     _select(choice, folder / "journal.jsonl")
     run_fleet(_touch, [rlg_unit("gyro-1", folder)], folder / "fleet")
-    return {"folder": folder, "table": runs[0].table.iloc[:120], "metadata": runs[0].metadata.to_mapping(), "choice": choice}
+    made = {"folder": folder, "runs": runs, "table": runs[0].table.iloc[:120], "metadata": runs[0].metadata.to_mapping()}
+    return {**made, "choice": choice, **result_seeds(folder, runs)}
 
 
 def _touch(unit: Any, folder: Path) -> dict[str, Any]:
@@ -120,7 +119,7 @@ def _recording(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, 
         path.write_bytes(bytes_of(zipped, rng) if suffix.endswith("gz") and rng.random() < 0.3 else zipped)
     else:
         if rng.random() < 0.7:
-            table = _mutated_table(table, rng)
+            table = mutated_table(table, rng)
         if rng.random() < 0.5:
             metadata = data_of(metadata, rng)
         try:
@@ -132,81 +131,18 @@ def _recording(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, 
     _inspect(path)
 
 
-def _mutated_table(table: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
-    for _ in range(int(rng.integers(1, 4))):
-        column = str(rng.choice(list(map(str, table.columns))))
-        kind = rng.integers(0, 9)
-        if column not in table or isinstance(table[column], pd.DataFrame):
-            continue
-        if kind <= 3:
-            rows = rng.random(len(table)) < rng.choice([0.01, 0.3, 1.0])
-            value = float(rng.choice([1e308, -1e308, 1e16, np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-320, 1e100, -273.15, 1e6]))
-            table = table.assign(**{column: table[column].mask(rows, value)})
-        elif kind == 4:
-            table = table.assign(**{column: table[column].astype(str)})
-        elif kind == 5:
-            table = table.assign(**{column: [[1.0, 2.0] for _ in range(len(table))]})
-        elif kind == 6:
-            table = table.rename(
-                columns={column: str(rng.choice(["", "time_s", "gyro_deg_h", "x", "\x1b[2J", "$a^{", "gyro_pulses", "a/b"]))}
-            )
-        elif kind == 7:
-            table = table.assign(**{column: table[column].to_numpy()[::-1]})
-        else:
-            table = table.iloc[: int(rng.integers(0, 4))]
-    return table
-
-
 def _sidecar(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
     csv.save(folder / "run.csv", made["table"], {})
     stated = {**made["metadata"], "columns": {"gyro_deg_h": "gyro_deg_h"}, "pulse_arcsec": 0.8, "period_s": None}
-    (folder / "run.yaml").write_bytes(_mutated_yaml(stated, rng))
+    (folder / "run.yaml").write_bytes(mutated_yaml(stated, rng))
     _inspect(folder / "run.csv")
-
-
-def _mutated_yaml(value: Any, rng: np.random.Generator) -> bytes:
-    if rng.random() < 0.5:
-        try:
-            text = yaml.safe_dump(data_of(value, rng), allow_unicode=True)
-        except RecursionError:  # too deep for the writer; the reader's own limit is far below
-            text = "[" * 500 + "]" * 500
-    else:
-        text = tokens_of(yaml.safe_dump(value), rng)
-        if rng.random() < 0.4:
-            tag = str(
-                rng.choice(
-                    [
-                        "!!int",
-                        "!!float",
-                        "!!bool",
-                        "!!timestamp",
-                        "!!set",
-                        "!!omap",
-                        "!!binary",
-                        "!!python/name:os.system",
-                        "&a",
-                        "*a",
-                    ]
-                )
-            )
-            text = text.replace(": ", f": {tag} ", int(rng.integers(1, 4)))
-    content = text.encode(errors="surrogatepass")
-    return bytes_of(content, rng) if rng.random() < 0.3 else content
-
-
-def _mutated_json(value: Any, rng: np.random.Generator) -> bytes:
-    if rng.random() < 0.6:
-        content = json.dumps(data_of(value, rng)).encode(errors="surrogatepass")
-    else:
-        content = tokens_of(to_json(value), rng).encode(errors="surrogatepass")
-    return bytes_of(content, rng) if rng.random() < 0.3 else content
 
 
 def _container(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, suffix: str) -> None:
     """A file that the package only reads, mutated in its bytes or made of a mutated table; nothing where its library is absent."""
     table = made["table"]
     if rng.random() < 0.6:
-        table = _mutated_table(table, rng)
+        table = mutated_table(table, rng)
     path = folder / f"run{suffix}"
     try:
         MAKERS[suffix](path, table)
@@ -225,7 +161,7 @@ def _pieces(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> Non
     with_fault = folder / f"run{suffix}"
     form = csv if suffix == ".csv" else parquet
     try:
-        form.save(with_fault, _mutated_table(made["table"], rng), {})
+        form.save(with_fault, mutated_table(made["table"], rng), {})
     except Exception:  # noqa: BLE001  what cannot be written is no file to read
         form.save(with_fault, made["table"], {})
     if rng.random() < 0.6:
@@ -236,7 +172,7 @@ def _pieces(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> Non
 
 
 def _simulator(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
-    (folder / "gyro.yaml").write_bytes(_mutated_yaml(from_yaml(SIMULATOR), rng))
+    (folder / "gyro.yaml").write_bytes(mutated_yaml(from_yaml(SIMULATOR), rng))
     simulator = rlg.Simulator.from_yaml(folder / "gyro.yaml")
     run = simulator.simulate("start 20, hold 10, ramp 30 2", seed=1, step_s=20.0)
     simulator.predict(run)
@@ -253,23 +189,23 @@ def _programme(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> 
 
 def _noise(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
     value: Any = COEFFICIENTS if rng.random() < 0.5 else {"noise": {"angle_random_walk_deg_sqrt_h": 0.0003}}
-    (folder / "noise.json").write_bytes(_mutated_json(value, rng) if rng.random() < 0.5 else _mutated_yaml(value, rng))
+    (folder / "noise.json").write_bytes(mutated_json(value, rng) if rng.random() < 0.5 else mutated_yaml(value, rng))
     measured_noise(folder / "noise.json", None)
 
 
 def _calibration(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
     value = CALIBRATIONS[int(rng.integers(0, 2))]
-    (folder / "cal.json").write_bytes(_mutated_json(value, rng))
+    (folder / "cal.json").write_bytes(mutated_json(value, rng))
     Calibration.read(folder / "cal.json")
 
 
-def _model(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
+def _model(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, names: Sequence[str] = ("model",)) -> None:
     model = folder / "model"
-    shutil.copytree(made["folder"] / "model", model)
+    shutil.copytree(made["folder"] / str(rng.choice(names)), model)
     files = sorted(path for path in model.rglob("*") if path.is_file())
     file = files[int(rng.integers(0, len(files)))]
     if file.name == "manifest.json" and rng.random() < 0.8:
-        file.write_bytes(_mutated_json(from_json(file.read_bytes()), rng))
+        file.write_bytes(mutated_json(from_json(file.read_bytes()), rng))
     else:
         file.write_bytes(bytes_of(file.read_bytes(), rng))
     if rng.random() < 0.8 and file.name != "SHA256SUMS":
@@ -293,7 +229,7 @@ def _challenge(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> 
     }  # fmt: skip
     truth |= {"schema": seal.TRUTH_SCHEMA, "challenge": challenge}
     for name, value in {"truth": truth, "challenge": challenge, "diagnosis": answer}.items():
-        content = _mutated_json(value, rng) if rng.random() < 0.5 else json.dumps(value).encode()
+        content = mutated_json(value, rng) if rng.random() < 0.5 else json.dumps(value).encode()
         (folder / f"{name}.json").write_bytes(content)
     try:
         stated = from_json((folder / "challenge.json").read_bytes())
@@ -307,7 +243,7 @@ def _challenge(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> 
 def _journal(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
     lines = (made["folder"] / "journal.jsonl").read_bytes().splitlines()
     at = int(rng.integers(0, len(lines)))
-    lines[at] = _mutated_json(from_json(lines[at]), rng)
+    lines[at] = mutated_json(from_json(lines[at]), rng)
     (folder / "journal.jsonl").write_bytes(b"\n".join(lines))
     _select(made["choice"], folder / "journal.jsonl")
 
@@ -322,16 +258,18 @@ def _units(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None
 def _unit_note(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
     shutil.copytree(made["folder"] / "fleet", folder / "fleet")
     note = folder / "fleet" / "gyro-1" / "unit.json"
-    note.write_bytes(_mutated_json(from_json(note.read_bytes()), rng))
+    note.write_bytes(mutated_json(from_json(note.read_bytes()), rng))
     run_fleet(_touch, [rlg_unit("gyro-1", made["folder"])], folder / "fleet")
 
 
-def _resumed(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
-    """A stream and its output of an earlier run, each mutated."""
+def _resumed(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, names: Sequence[str] = ("model",)) -> None:
+    """A stream and its output of an earlier run, each mutated; a resumed state."""
+    model = str(rng.choice(names))
+    earlier = f"output of {model}"
     made["table"].to_csv(folder / "in.csv", index=False)
     arguments = [
         "compensate",
-        str(made["folder"] / "model"),
+        str(made["folder"] / model),
         str(folder / "in.csv"),
         "--follow",
         "--idle-s",
@@ -343,12 +281,12 @@ def _resumed(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> No
         text = (folder / "in.csv").read_text()
         content = tokens_of(text, rng).encode(errors="surrogatepass") if rng.random() < 0.6 else bytes_of(text.encode(), rng)
         (folder / "in.csv").write_bytes(content)
-    elif "out" not in made:
-        _command(arguments)
-        made["out"] = (folder / "out.csv").read_bytes()
-    if "out" in made and rng.random() < 0.6:
-        (folder / "out.csv").write_bytes(bytes_of(made["out"], rng))
-    _command(arguments)
+    elif earlier not in made:
+        command(arguments)
+        made[earlier] = (folder / "out.csv").read_bytes()
+    if earlier in made and rng.random() < 0.6:
+        (folder / "out.csv").write_bytes(bytes_of(made[earlier], rng))
+    command(arguments)
 
 
 def _command_line(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
@@ -368,19 +306,12 @@ def _command_line(made: dict[str, Any], folder: Path, rng: np.random.Generator) 
         *NUMBERS,
     ]
     name = str(rng.choice(["inspect", "simulate", "predict", "train", "evaluate", "compensate", "allan", "arw", "export", "calibrate",
-                           "scale-factor", "fleet", "conceal", "reveal", "mechanisms", "models", "nonsense"]))  # fmt: skip
+                           "scale-factor", "fleet", "conceal", "reveal", "mechanisms", "models", "example", "merge", "diagnose",
+                           "sensitivity", "nonsense"]))  # fmt: skip
     arguments = [name]
     arguments += [str(rng.choice(OPTIONS if rng.random() < 0.45 else values)) for _ in range(int(rng.integers(0, 7)))]
     arguments += ["--out", str(folder / f"out{rng.choice(['', '.csv', '.h5', '.parquet', '.json'])}")] if rng.random() < 0.5 else []
-    _command([one.replace("\x00", "") for one in arguments])
-
-
-def _command(arguments: list[str]) -> None:
-    result = CliRunner().invoke(app, arguments, env={"RLGCOMP_DEBUG": "1"})
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    if result.exit_code == 1:
-        raise RuntimeError(f"exit code 1: {result.output[-200:]}")
+    command([one.replace("\x00", "") for one in arguments])
 
 
 READERS: Final[dict[str, Reader]] = {
@@ -397,11 +328,17 @@ READERS: Final[dict[str, Reader]] = {
     "noise": _noise,
     "calibration": _calibration,
     "model": _model,
+    "model with physics": functools.partial(_model, names=HYBRIDS),
+    "physics": physics_file,
     "challenge": _challenge,
     "journal": _journal,
     "units": _units,
     "unit.json": _unit_note,
     "follow": _resumed,
+    "follow with physics": functools.partial(_resumed, names=HYBRIDS),
+    "merge": two_loggers,
+    "turntable": turntable,
+    "pages": pages,
     "command line": _command_line,
 }
 assert {csv, hdf5, matlab, parquet} <= set(FORMATS)  # noqa: S101  each of the package's formats is mutated
