@@ -12,282 +12,27 @@ import contextlib
 import dataclasses
 import hashlib
 import os
-import resource
 import shutil
 import signal
 import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from experiments.faults.commands import COMMANDS, Command
+from experiments.faults.process import LONGEST_S, run, start, wait
 from rlgcomp.scratch import PREFIX
 
-SIMULATOR: Final = """
-kind: chamber
-mechanisms:
-  - thermal_polynomial: {degree: 3}
-  - temperature_rate: {k_deg_h_min_K: 0.02}
-noise: {angle_random_walk_deg_sqrt_h: 0.0003}
-"""
 SIGNALS: Final = {"SIGKILL": signal.SIGKILL, "SIGTERM": signal.SIGTERM, "SIGINT": signal.SIGINT}
 # files that state how long the work took or when, or hold a random salt
 TIMED: Final = ("unit.json", "fleet.json", "SHA256SUMS", "report.md", "report.json", "report.html", "challenge.json", "truth.json")
 FREE_BYTES: Final = (0, 8192, 65536)  # of a disk that is full, or becomes full
 DISK_MB: Final = 48
 _FRACTIONS: Final = 0.02, 1.05  # of the time that a command takes, between which it is killed
-_LONGEST_S: Final = 600.0
 _ENDING_S: Final = 20.0  # within which workers of a killed process must end
-_POLL_S: Final = 0.002
-
-
-@dataclasses.dataclass(frozen=True)
-class Command:
-    """A command line, with `{variant}` in it, and the names of what it writes."""
-
-    name: str
-    arguments: tuple[str, ...]
-    writes: tuple[str, ...]
-
-    def line(self, variant: int) -> list[str]:
-        """Arguments of the earlier result (0) or of the new one (1)."""
-        return [one.replace("{variant}", str(1 + variant)) for one in self.arguments]
-
-
-_SHORT: Final = ("simulate", "gyro.yaml", "--profile", "short", "--seed", "{variant}", "--out")
-_FLEET: Final = ("fleet", "train", "units{variant}.csv", "--model", "cubic", "--jobs", "2", "--out", "fleet")
-_FOLLOW: Final = ("compensate", "cubic", "run3.csv", "--follow", "--idle-s", "0", "--out", "f.csv")
-_CONCEAL: Final = (
-    "conceal",
-    "gyro.yaml",
-    "--hide",
-    "temperature_rate",
-    "--seed",
-    "{variant}",
-    "--step-s",
-    "10",
-    "--out",
-    "challenge{variant}",
-)
-_DIAGNOSE: Final = (
-    "diagnose",
-    "--simulator",
-    "poly{variant}.yaml",
-    "--train",
-    "run1.parquet",
-    "--test",
-    "run2.parquet",
-    "--only",
-    "temperature_rate",
-    "--out",
-    "diagnosis",
-)
-_CALIBRATE: Final = (
-    "calibrate",
-    "step1.parquet",
-    "step2.parquet",
-    "step3.parquet",
-    "--angle-random-walk",
-    "0.000{variant}",
-    "--out",
-    "calibration.json",
-)
-COMMANDS: Final = (
-    Command("simulate csv", (*_SHORT, "o.csv"), ("o.csv", "o.yaml")),
-    Command("simulate parquet", (*_SHORT, "o.parquet"), ("o.parquet",)),
-    Command("simulate hdf5", (*_SHORT, "o.h5"), ("o.h5",)),
-    Command("predict", ("predict", "gyro.yaml", "run{variant}.parquet", "--out", "p.tsv"), ("p.tsv", "p.yaml")),
-    Command("train", ("train", "run1.parquet", "run2.parquet", "--averaging-s", "{variant}00", "--out", "model"), ("model",)),
-    Command("fleet", _FLEET, ("fleet/a", "fleet/b")),
-    Command("compensate", ("compensate", "cubic", "run{variant}.parquet", "--out", "c.parquet"), ("c.parquet",)),
-    Command("follow", _FOLLOW, ("f.csv",)),
-    Command("evaluate", ("evaluate", "cubic", "run{variant}.parquet", "--no-comparison", "--out", "report"), ("report",)),
-    Command("export", ("export", "cubic{variant}", "--to", "c", "--no-board", "--name", "m", "--out", "code"), ("code",)),
-    Command("conceal", _CONCEAL, ("challenge2",)),
-    Command("allan", ("allan", "run{variant}.parquet", "--out", "allan"), ("allan",)),
-    Command("diagnose", _DIAGNOSE, ("diagnosis",)),
-    Command("calibrate", _CALIBRATE, ("calibration.json",)),
-    Command("merge", ("merge", "run{variant}.parquet", "slow.csv", "--offset-s", "0", "--out", "m.csv"), ("m.csv", "m.yaml")),
-)  # fmt: skip
-
-
-def prepare(folder: Path) -> None:
-    """Inputs of all commands, in a new folder."""
-    folder.mkdir(parents=True)
-    (folder / "gyro.yaml").write_text(SIMULATOR, encoding="utf-8")
-    for variant in (1, 2):
-        text = SIMULATOR.replace("  - temperature_rate: {k_deg_h_min_K: 0.02}\n", "").replace("degree: 3", f"degree: {variant + 1}")
-        (folder / f"poly{variant}.yaml").write_text(text, encoding="utf-8")
-    for seed in (1, 2, 3):
-        out = "run3.csv" if seed == 3 else f"run{seed}.parquet"
-        simulate = ["simulate", "gyro.yaml", "--profile", "short", "--step-s", "5", "--seed", str(10 + seed), "--out", out]
-        run(folder, simulate).check()
-    lines = (folder / "run3.csv").read_text().splitlines()
-    times_and_temperatures = [",".join(np.take(line.split(","), [0, 2])) for line in lines[::12]]
-    (folder / "slow.csv").write_text("\n".join(times_and_temperatures).replace("temperature_block", "temperature_wall") + "\n")
-    for variant, averaging in ((1, "100"), (2, "200")):
-        model = ["--model", "cubic", "--averaging-s", averaging, "--out", f"cubic{variant}"]
-        run(folder, ["train", "run1.parquet", "run2.parquet", *model]).check()
-        other = "run1.parquet;run2.parquet" if variant == 1 else "run2.parquet;run1.parquet"
-        (folder / f"units{variant}.csv").write_text(f"unit,train\na,{other}\nb,{other}\n")
-    shutil.copytree(folder / "cubic1", folder / "cubic")
-    _in_a_process(lambda: _table_runs(folder))
-
-
-def _table_runs(folder: Path) -> None:
-    """A triad's three steps on a two-axis table, shortened."""
-    import rlgcomp as rlg
-    from rlgcomp.simulation.two_axis_table import Triad, reversing
-
-    programmes = (
-        reversing(30.0, revolutions=1, repeats=2, outer_start_deg=90.0),
-        reversing(30.0, revolutions=1, repeats=2),
-        reversing(30.0, outer_deg_s=60.0, revolutions=1, repeats=4),
-    )
-    for k, programme in enumerate(programmes, start=1):
-        rlg.write(Triad().simulate(programme, seed=k, step_s=0.02, name=f"step{k}"), folder / f"step{k}.parquet")
-
-
-@dataclasses.dataclass(frozen=True)
-class Ended:
-    """How a process ended."""
-
-    code: int
-    error: str
-    seconds: float
-
-    def check(self) -> None:
-        """Raise unless it succeeded."""
-        if self.code:
-            raise RuntimeError(f"exit code {self.code}: {self.error[-500:]}")
-
-
-def run(
-    folder: Path,
-    arguments: list[str],
-    *,
-    kill: tuple[signal.Signals, float] | None = None,
-    largest_bytes: int | None = None,
-    environment: dict[str, str] | None = None,
-    close: bool = False,
-    log: Path | None = None,
-) -> Ended:
-    """Run a command in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-    arguments : list of str
-    kill : (signal, seconds), optional
-        What is sent to it, and when.
-    largest_bytes : int, optional
-        No file may become larger.
-    environment : dict, optional
-        Further variables.
-    close : bool
-        Its standard output is a pipe that nobody reads.
-    log : Path, optional
-        Folder for what it prints; by default beside its working folder.
-    """
-    error_file = (log or folder.parent) / f"{folder.name}.stderr"
-    began = time.monotonic()
-    child = start(folder, arguments, error_file, largest_bytes=largest_bytes, environment=environment, close=close)
-    if kill is not None and (code := _wait(child, kill[1])) is None:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(child, kill[0])
-    elif kill is not None:
-        return Ended(code or 0, _taken(error_file), time.monotonic() - began)
-    code = _wait(child, _LONGEST_S)
-    if code is None:
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-    return Ended(-99 if code is None else code, _taken(error_file), time.monotonic() - began)
-
-
-def _taken(file: Path) -> str:
-    text = file.read_text(errors="replace")
-    file.unlink()
-    return text
-
-
-def start(
-    folder: Path,
-    arguments: list[str],
-    error_file: Path,
-    *,
-    largest_bytes: int | None = None,
-    environment: dict[str, str] | None = None,
-    close: bool = False,
-) -> int:
-    """Start a command as :func:`run` does; its process."""
-    (folder / "tmp").mkdir(exist_ok=True)
-    child = os.fork()
-    if child:
-        return child
-    code = 70
-    try:
-        os.setsid()
-        os.chdir(folder)
-        os.environ.update(
-            {"SOURCE_DATE_EPOCH": "0", "TMPDIR": str(folder / "tmp"), "OPENBLAS_NUM_THREADS": "1", **(environment or {})}
-        )
-        nothing, errors = os.open(os.devnull, os.O_RDWR), os.open(error_file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        output = nothing
-        if close:
-            reading, output = os.pipe()
-            os.close(reading)
-        for number, handle in enumerate((nothing, output, errors)):
-            os.dup2(handle, number)
-        tempfile.tempdir = None  # of the process that was forked
-        encoding = os.environ.get("PYTHONIOENCODING", "utf-8")
-        sys.stdout, sys.stderr = (open(number, "w", encoding=encoding, closefd=False) for number in (1, 2))  # noqa: SIM115
-        if largest_bytes is not None:
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (largest_bytes, largest_bytes))
-        sys.argv = ["rlgcomp", *arguments]
-        from rlgcomp.cli import main
-
-        main()
-        code = 0
-    except SystemExit as end:
-        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
-    except BaseException:  # noqa: BLE001  what a process prints when it ends so
-        import traceback
-
-        traceback.print_exc()
-        code = 1
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    os._exit(code)
-
-
-def _wait(child: int, longest_s: float) -> int | None:
-    """Exit code of a process, minus the signal that ended it; None where it does not end in time."""
-    until = time.monotonic() + longest_s
-    while time.monotonic() < until:
-        found, status = os.waitpid(child, os.WNOHANG)
-        if found:
-            return os.waitstatus_to_exitcode(status)
-        time.sleep(_POLL_S)
-    return None
-
-
-def _in_a_process(work: Callable[[], object]) -> None:
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            work()
-            code = 0
-        finally:
-            os._exit(code)
-    if _wait(child, _LONGEST_S) != 0:
-        raise RuntimeError("the inputs could not be made")
 
 
 def contents(folder: Path, writes: tuple[str, ...]) -> str | None:
@@ -320,12 +65,12 @@ class Trial:
     problems: list[str]
 
 
-def kills(folder: Path, count: int, seed: int) -> Iterator[Trial]:
+def kills(folder: Path, count: int, seed: int, commands: Sequence[Command] = COMMANDS) -> Iterator[Trial]:
     """Kill the commands in turn at random moments, and run each again."""
     rng = np.random.default_rng(seed)
     whole: dict[str, tuple[str | None, str | None, float]] = {}
     for trial in range(count):
-        command = COMMANDS[trial % len(COMMANDS)]
+        command = commands[trial % len(commands)]
         if command.name not in whole:
             whole[command.name] = _whole(folder, command)
         old, new, seconds = whole[command.name]
@@ -336,8 +81,7 @@ def kills(folder: Path, count: int, seed: int) -> Iterator[Trial]:
         ended = run(place, command.line(1), kill=(SIGNALS[name], at_s))
         problems = []
         now = contents(place, command.writes)
-        partial = command.name in ("fleet", "follow")  # unit by unit, line by line
-        if not partial and now not in (old, new):
+        if not command.grows and now not in (old, new):
             problems.append("neither the earlier result nor the new one")
         if "Traceback" in ended.error:
             problems.append("a traceback")
@@ -376,8 +120,9 @@ def _whole(folder: Path, command: Command) -> tuple[str | None, str | None, floa
 
 def _with_earlier(folder: Path, place: Path, command: Command) -> None:
     shutil.copytree(folder / f"earlier {command.name}", place, dirs_exist_ok=True)
-    if command.name == "follow":
-        (place / "f.csv").unlink()
+    if command.grows == "lines":
+        for name in command.writes:
+            (place / name).unlink()
 
 
 def _copy(folder: Path, place: Path) -> None:
@@ -441,9 +186,9 @@ def _filled(place: Path, free: int) -> Iterator[None]:
         ballast.unlink()
 
 
-def others(folder: Path) -> Iterator[Trial]:
+def others(folder: Path, commands: Sequence[Command] = COMMANDS) -> Iterator[Trial]:
     """Full and read-only disks, unusable folders for scratch and for compiled code, closed streams, two writers at once."""
-    for command in COMMANDS:
+    for command in commands:
         old, new, _ = _whole(folder, command)
         yield from _full_disks(folder, command, new)
         yield _read_only(folder, command)
@@ -461,7 +206,7 @@ def others(folder: Path) -> Iterator[Trial]:
                 problems.append(f"exit code {ended.code}: {ended.error[-200:]}")
             shutil.rmtree(place)
             yield Trial(command.name, name, 0.0, problems)
-        if command.name not in ("follow", "fleet"):
+        if not command.grows:
             yield _two_writers(folder, command, old, new)
 
 
@@ -501,8 +246,7 @@ def _full(
     ended = run(place, command.line(1), largest_bytes=largest_bytes, environment=environment)
     after = contents(place, command.writes)
     free()
-    partial = command.name in ("fleet", "follow")
-    problems = [] if after in (before, new) or partial else ["the earlier result is damaged"]
+    problems = [] if command.grows or after in (before, new) else ["the earlier result is damaged"]
     if ended.code not in (0, 2) or "Traceback" in ended.error or "internal fault" in ended.error:
         problems.append(f"exit code {ended.code}: {ended.error[-300:]}")
     elif ended.code == 0 and after != new:
@@ -547,7 +291,7 @@ def _two_writers(folder: Path, command: Command, old: str | None, new: str | Non
     _with_earlier(folder, place, command)
     logs = [folder / f"two{k}.stderr" for k in (0, 1)]
     both = [start(place, command.line(k), logs[k]) for k in (0, 1)]
-    codes = [_wait(process, _LONGEST_S) for process in both]
+    codes = [wait(process, LONGEST_S) for process in both]
     problems = [] if contents(place, command.writes) in (old, new) else ["neither result is whole"]
     if not set(codes) <= {0, 2}:
         problems.append(f"exit codes {codes}: {logs[0].read_text()[-200:]} {logs[1].read_text()[-200:]}")

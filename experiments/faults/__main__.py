@@ -8,7 +8,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from experiments.faults import kills, others, page, prepare
+from experiments.faults import kills, others, page
+from experiments.faults.commands import COMMANDS, prepare
 from experiments.work import import_all
 
 
@@ -18,14 +19,16 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=120)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only-kills", action="store_true")
+    parser.add_argument("--commands", nargs="*", choices=[one.name for one in COMMANDS], metavar="COMMAND", help="these alone")
     options = parser.parse_args()
     import_all()
     with tempfile.TemporaryDirectory(prefix="faults-") as scratch:
         folder = Path(scratch)
         prepare(folder / "inputs")
-        more = iter(()) if options.only_kills else others(folder)
+        commands = [one for one in COMMANDS if one.name in (options.commands or [one.name])]
+        more = iter(()) if options.only_kills else others(folder, commands)
         trials = []
-        for trial in itertools.chain(kills(folder, options.kills, options.seed), more):
+        for trial in itertools.chain(kills(folder, options.kills, options.seed, commands), more):
             trials.append(trial)
             if trial.problems:
                 print(
