@@ -113,7 +113,7 @@ def _whole(folder: Path, command: Command) -> tuple[str | None, str | None, floa
         seconds = ended.seconds
         if variant == 0:
             shutil.rmtree(folder / f"earlier {command.name}", ignore_errors=True)
-            shutil.copytree(place, folder / f"earlier {command.name}")
+            shutil.copytree(place, folder / f"earlier {command.name}", ignore=shutil.ignore_patterns("tmp"))
     shutil.rmtree(place)
     return digests[0], digests[1], seconds
 

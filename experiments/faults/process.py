@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import dataclasses
 import os
@@ -129,6 +130,7 @@ def start(
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
+    atexit._run_exitfuncs()  # noqa: SLF001  as an interpreter that ends, which a forked process does not
     os._exit(code)
 
 

@@ -24,7 +24,8 @@ import numpy as np
 from experiments.fuzz.readers import READERS, seeds
 from rlgcomp.errors import InputError
 
-LONGEST_S: Final = 30  # of one case
+LONGEST_S: Final = 30  # of processor time of one case
+_WAITING_S: Final = 300
 
 
 class Fault(NamedTuple):
@@ -85,15 +86,20 @@ def _one(case: int, seed: int, made: dict[str, Any], folder: Path, counts: Count
 
 @contextlib.contextmanager
 def _limited() -> Iterator[None]:
-    def late(*_: object) -> None:
-        raise TimeoutError(f"no end in {LONGEST_S} s")
+    """A limit of processor time, which a busy machine does not shorten, and one of waiting."""
 
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(LONGEST_S)
+    def late(number: int, _: object) -> None:
+        raise TimeoutError("no end in " + (f"{LONGEST_S} s of processor time" if number == signal.SIGPROF else f"{_WAITING_S} s"))
+
+    timers = ((signal.SIGPROF, signal.ITIMER_PROF, LONGEST_S), (signal.SIGALRM, signal.ITIMER_REAL, _WAITING_S))
+    before = {number: signal.signal(number, late) for number, _, _ in timers}
+    for _, timer, seconds in timers:
+        signal.setitimer(timer, seconds)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for number, timer, _ in timers:
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, before[number])
