@@ -484,3 +484,24 @@ def test_segments_without_dates_that_begin_again_are_refused(tmp_path: Path) -> 
     text = head + "\n".join(rows("\t", end="\t")) + "\n" + again + "\n".join(rows("\t", end="\t")) + "\n"
     with pytest.raises(rlg.InputError, match="2 segments whose times begin again, and not all of their headers have a date"):
         rlg.read(written(tmp_path / "run.lvm", text), columns={"time_s": "X_Value", "gyro_deg_h": "Gyro"})
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.csv.gz"])
+def test_a_line_of_names_may_be_long(tmp_path: Path, name: str) -> None:
+    """More than the bytes that show how a file is written: no column of thousands is lost."""
+    more = [f"strain_gauge_{k}_of_the_left_hand_side_V" for k in range(2000)]
+    lines = [",".join(["time_s", "gyro_deg_h", "temperature_block_degC", *more])]
+    lines += [",".join([row, *(f"{k % 7}" for k in range(2000))]) for row in rows(",")[:20]]
+    assert len(lines[0]) > 1 << 16
+    table = rlg.read(written(tmp_path / name, "\n".join(lines) + "\n")).table
+    assert list(table.columns[:3]) == ["time_s", "gyro_deg_h", "temperature_block_degC"]
+    assert set(more) <= set(table.columns)
+
+
+def test_entries_without_a_name_are_never_dropped(tmp_path: Path) -> None:
+    """Dozens of lines below the first, where the dialect was found, rows have one entry more: refused, also in pieces."""
+    lines = ["time_s,gyro_deg_h,temperature_block_degC", *rows(",")]
+    dialect = csv.names_and_dialect(written(tmp_path / "good.csv", "\n".join(lines) + "\n"))[1]
+    wide = [f"{line},7" for line in lines[1:]]
+    with pytest.raises(rlg.InputError, match="more entries than there are names"):
+        csv.parse(wide, dialect, "stream")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import dataclasses
+import multiprocessing.util
 import os
 import resource
 import signal
@@ -130,7 +130,7 @@ def start(
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
-    atexit._run_exitfuncs()  # noqa: SLF001  as an interpreter that ends, which a forked process does not
+    multiprocessing.util._exit_function()  # type: ignore[attr-defined]  # noqa: SLF001  as at the end of an interpreter
     os._exit(code)
 
 

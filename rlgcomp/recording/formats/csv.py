@@ -6,16 +6,18 @@ UTF-16 or the older encodings of Windows.
 
 from __future__ import annotations
 
+import contextlib
 import csv as text
 import dataclasses
 import gzip
 import io
 import re
+import warnings
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import numpy as np
 import pandas as pd
@@ -34,6 +36,8 @@ READ_ONLY: Final = (".lvm", ".dat", ".asc")
 LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
 _HEAD: Final = 1 << 16  # bytes that show how a file is written
 _MOST_LINES: Final = 400  # of them
+_FEWEST_LINES: Final = 8  # where they are long
+_LONGEST_HEAD: Final = 1 << 24  # bytes
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
 _NO_THOUSANDS: Final = r",(?!\d{3}$)"  # a comma that does not stand three digits before the end
@@ -110,7 +114,7 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
         written = _dialect(path)
         first = 0
         with _pandas(path, written, usecols=list(columns), chunksize=rows) as reader:
-            for raw in reader:
+            while (raw := _next_of(reader)) is not None:
                 table = tidied(raw.reset_index(drop=True), written, path, first=first)[0][list(columns)]
                 first += len(table)
                 yield table
@@ -272,21 +276,46 @@ def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool, s
 
 def _pandas(source: Any, written: Dialect, *, name: str | Path | None = None, **named: Any) -> Any:
     names = names_of(written, name or source)
-    return pd.read_csv(
-        source,
-        skiprows=written.first,
-        names=names,
-        header=None,
-        index_col=False,
-        sep=r"\s+" if written.separator == BLANKS else written.separator,
-        decimal=written.decimal,
-        encoding=written.encoding,
-        na_values=["NAN", "NaT"],
-        comment="#",
-        skipinitialspace=True,
-        low_memory=False,
-        **named,
-    )
+    with _losses_are_errors():
+        return pd.read_csv(
+            source,
+            skiprows=written.first,
+            names=names,
+            header=None,
+            index_col=False,
+            sep=r"\s+" if written.separator == BLANKS else written.separator,
+            decimal=written.decimal,
+            encoding=written.encoding,
+            na_values=["NAN", "NaT"],
+            comment="#",
+            skipinitialspace=True,
+            low_memory=False,
+            **named,
+        )
+
+
+def _next_of(reader: Any) -> pd.DataFrame | None:
+    """The next rows of a reader of pieces; None at the end."""
+    with _losses_are_errors():
+        piece: pd.DataFrame | None = next(reader, None)
+    return piece
+
+
+@contextlib.contextmanager
+def _losses_are_errors() -> Iterator[None]:
+    """Entries without a name, which pandas would drop with a warning, end the reading.
+
+    Raises
+    ------
+    pandas.errors.ParserError
+        There are some.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        try:
+            yield
+        except pd.errors.ParserWarning:
+            raise pd.errors.ParserError("rows have more entries than there are names; name every column") from None
 
 
 def is_written(path: Path) -> bool:
@@ -349,7 +378,7 @@ def _dialect(path: Path) -> Dialect:
     if opener is gzip.open:
         require_gunzippable(path)
     with opener(path, "rb") as stream:
-        head = stream.read(_HEAD)
+        head = _first_lines(stream)
     encoding = _encoding(head, path)
     every = re.split(r"\r\n|\n|\r", head.decode(encoding, errors="ignore"))
     whole = every[:-1] if len(every) > 1 else every  # the last may be cut
@@ -358,6 +387,14 @@ def _dialect(path: Path) -> Dialect:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return dataclasses.replace(found, encoding=encoding)
+
+
+def _first_lines(stream: IO[bytes]) -> bytes:
+    """The first bytes of a file, more where lines are so long that few of them are whole."""
+    head = stream.read(_HEAD)
+    while head.count(b"\n") < _FEWEST_LINES and len(head) < _LONGEST_HEAD and (more := stream.read(len(head))):
+        head += more
+    return head
 
 
 def _parser_message(error: Exception) -> str:
