@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import multiprocessing
+import multiprocessing.util
 import os
 import pickle
 import sys
@@ -26,8 +27,10 @@ from threadpoolctl import threadpool_limits
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.worker_processes import end_with_starter
+from rlgcomp.scratch import temporary_folder
 
 RETRIES: Final = 2  # times that a piece is tried again after its worker died
+_LAST: Final = -100  # priority at the end of the process: after the server, as that of multiprocessing's own folder
 DIED: Final = "its worker process died each time: killed, or out of memory; give it more"
 _RECORDINGS: Final = ("rlgcomp.recording.formats.parquet", "pyarrow.parquet", "pyarrow.pandas_compat", "email.parser")
 _IMPORTED: Final = {  # by the tasks of fleets when they are called
@@ -164,7 +167,18 @@ def _context(modules: Sequence[str]) -> BaseContext:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__, *modules])
+    _put_sockets_into_scratch()
     return context
+
+
+@functools.cache
+def _put_sockets_into_scratch() -> None:
+    """The folder of multiprocessing's sockets is scratch, so that the next command removes it where this process is killed."""
+    config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]  # noqa: SLF001
+    if config.get("tempdir") is None:
+        folder = contextlib.ExitStack()
+        config["tempdir"] = str(folder.enter_context(temporary_folder()))
+        multiprocessing.util.Finalize(None, folder.close, exitpriority=_LAST)  # type: ignore[attr-defined]
 
 
 @contextlib.contextmanager

@@ -499,7 +499,7 @@ def test_a_line_of_names_may_be_long(tmp_path: Path, name: str) -> None:
 
 
 def test_entries_without_a_name_are_never_dropped(tmp_path: Path) -> None:
-    """Dozens of lines below the first, where the dialect was found, rows have one entry more: refused, also in pieces."""
+    """Rows with one entry more than the names, which pandas would cut with a warning, are refused."""
     lines = ["time_s,gyro_deg_h,temperature_block_degC", *rows(",")]
     dialect = csv.names_and_dialect(written(tmp_path / "good.csv", "\n".join(lines) + "\n"))[1]
     wide = [f"{line},7" for line in lines[1:]]

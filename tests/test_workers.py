@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from rlgcomp.numerics.compiled import threads
+from rlgcomp.scratch import PREFIX, temporary_folder
 from rlgcomp.workers import imports_of, prepare, spread
 
 
@@ -70,6 +72,7 @@ def test_a_worker_that_is_killed_takes_no_other_piece_with_it(always: bool, expe
 
 LEAVES_ITS_WORKERS = """
 import os, time
+from rlgcomp.scratch import PREFIX, temporary_folder
 from rlgcomp.workers import spread
 def work(piece):
     open(piece, "w").write(str(os.getpid()))
@@ -91,3 +94,34 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path, number: 
     while any(Path(f"/proc/{worker}").exists() for worker in workers) and time.monotonic() < until:
         time.sleep(0.05)
     assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
+
+
+_STARTER = """
+import os, signal, sys, tempfile
+from rlgcomp.scratch import PREFIX, temporary_folder
+from rlgcomp.workers import spread
+first = next(spread(abs, [-1, -2], died=abs, n_jobs=2))
+print(*os.listdir(tempfile.gettempdir()))
+sys.stdout.flush()
+if sys.argv[1] == "kill":
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="no server of processes here")
+@pytest.mark.parametrize("end", ["kill", "return"])
+def test_sockets_of_workers_are_scratch(tmp_path: Path, end: str) -> None:
+    """They are gone after the process, or after the next command where it was killed."""
+    done = subprocess.run(
+        [sys.executable, "-c", _STARTER, end],
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == (-signal.SIGKILL if end == "kill" else 0), done.stderr
+    assert all(name.startswith(PREFIX) for name in done.stdout.split())
+    assert any(tmp_path.iterdir()) == (end == "kill")
+    with temporary_folder(tmp_path):
+        pass
+    assert not any(tmp_path.iterdir())

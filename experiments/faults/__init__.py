@@ -95,7 +95,7 @@ def kills(folder: Path, count: int, seed: int, commands: Sequence[Command] = COM
             problems.append(f"the rerun ends with {again.code}: {again.error[-200:]}")
         elif contents(place, command.writes) != new:
             problems.append("the rerun makes another result")
-        if left := [one for one in scratch(place) if one.startswith(PREFIX) or f"/{PREFIX}" in one]:
+        if left := scratch(place):
             problems.append(f"scratch after the rerun: {left[0]}")
         shutil.rmtree(place)
         yield Trial(command.name, name, at_s, problems)
