@@ -178,7 +178,7 @@ def _put_sockets_into_scratch() -> None:
     if config.get("tempdir") is None:
         folder = contextlib.ExitStack()
         config["tempdir"] = str(folder.enter_context(temporary_folder()))
-        multiprocessing.util.Finalize(None, folder.close, exitpriority=_LAST)  # type: ignore[attr-defined]
+        multiprocessing.util.Finalize(None, folder.close, exitpriority=_LAST)
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 import pandas as pd
@@ -389,7 +389,7 @@ def _dialect(path: Path) -> Dialect:
     return dataclasses.replace(found, encoding=encoding)
 
 
-def _first_lines(stream: IO[bytes]) -> bytes:
+def _first_lines(stream: BinaryIO | gzip.GzipFile) -> bytes:
     """The first bytes of a file, more where lines are so long that few of them are whole."""
     head = stream.read(_HEAD)
     while head.count(b"\n") < _FEWEST_LINES and len(head) < _LONGEST_HEAD and (more := stream.read(len(head))):
