@@ -132,12 +132,12 @@ def _on_this_machine(
     """The pieces of processes that die are done again, the last time one by one."""
     unfinished = dict(enumerate(pieces))
     for _ in range(RETRIES):
+        if not unfinished:
+            return
         with contextlib.suppress(BrokenProcessPool):
             for k, result in _pool(work, unfinished, n_jobs, modules):
                 del unfinished[k]
                 yield result
-        if not unfinished:
-            return
     for k, piece in unfinished.items():
         try:
             yield from (result for _, result in _pool(work, {k: piece}, 1, modules))

@@ -53,6 +53,12 @@ def test_a_server_that_was_prepared_does_the_same_work() -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
+def test_no_pieces_have_no_results(jobs: int) -> None:
+    """As where every unit of a fleet was finished by an earlier run."""
+    assert list(spread(product, [], died=product, n_jobs=jobs)) == []
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
 def test_a_piece_has_one_thread(jobs: int) -> None:
     before = os.environ.get("NUMBA_NUM_THREADS")
     found = list(spread(numbers_of_threads, [[1], [2]], died=lambda piece: piece, n_jobs=jobs))
