@@ -206,6 +206,23 @@ def test_a_stated_repeatability_counts_less_the_more_runs_there_are() -> None:
     assert widths[40, 0.05] > 0.85 * widths[40, 0.0]
 
 
+def test_one_run_assumes_a_repeatability(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    models = {
+        stated: rlg.Compensator(rlg.CubicLeastSquares(), features="temperature", turn_on_deg_h=stated).fit(short_runs[:1])
+        for stated in (None, 0.0, 0.3)
+    }
+    assumed, same_run, stated = (model.interval_ for model in models.values())
+    assert [interval.basis for interval in (assumed, same_run, stated)] == ["assumed", "blocks", "blocks"]
+    assert assumed.turn_on_deg_h == pytest.approx(np.std(models[None].training_[0].y_deg_h))
+    assert same_run.turn_on_deg_h == 0.0
+    assert assumed.inside_deg_h > same_run.inside_deg_h
+    (remark,) = [one for one in models[None].remarks_ if one.code == "compensation.turn_on_assumed"]
+    assert remark.data["turn_on_deg_h"] == assumed.turn_on_deg_h
+    models[None].save(tmp_path / "model")
+    assert rlg.load(tmp_path / "model").interval_ == assumed
+    assert models[None].offset_interval(600.0) == models[0.0].offset_interval(600.0)
+
+
 @pytest.mark.parametrize("stated", [-1.0, np.nan, "0.01", True])
 def test_a_repeatability_that_is_no_number_is_refused(stated: object, short_runs: list[rlg.Recording]) -> None:
     with pytest.raises(rlg.InputError, match="turn_on_deg_h"):

@@ -83,7 +83,8 @@ def train(
             metavar="DEG_H",
             min=0.0,
             help="Repeatability of the bias from switch-on to switch-on in deg/h, one standard deviation, as of a data sheet: "
-            "for the interval of a model of few runs, which hardly show it.",
+            "for the interval of a model of few runs, which hardly show it. With one run, the standard deviation of its bias is "
+            "assumed unless it is stated.",
         ),
     ] = None,
     adapt: Annotated[

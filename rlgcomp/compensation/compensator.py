@@ -74,7 +74,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         part keeps its value at the edge.
     turn_on_deg_h : float, optional
         Repeatability of the bias from switch-on to switch-on, one standard deviation, as a data sheet states it: for the interval
-        of models trained on few runs.
+        of models trained on few runs. With one run, the standard deviation of its bias is assumed unless it is stated.
 
     Attributes
     ----------
@@ -250,13 +250,13 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
 
     def calibrated_interval(self) -> Interval:
         """From the errors of the selected model on runs left out."""
-        return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval(self.turn_on_deg_h or 0.0)
+        return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval(self.turn_on_deg_h)
 
     def offset_interval(self, offset_s: float) -> Interval:
         """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""
         if self._offset_interval is None or self._offset_interval[0] != offset_s:
             errors = HeldOutErrors.of(self.model_, self.training_, self.scaling_).zeroed_at_start(offset_s, self.averaging_s)
-            self._offset_interval = offset_s, errors.interval()
+            self._offset_interval = offset_s, errors.interval(0.0)
         return self._offset_interval[1]
 
     # --- prediction --------------------------------------------------------------------------------------------------------

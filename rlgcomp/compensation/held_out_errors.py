@@ -73,10 +73,19 @@ class HeldOutErrors:
             later[start] = len(start) == len(rows)
         return dataclasses.replace(self, errors_deg_h=errors, counted=later)
 
-    def interval(self, turn_on_deg_h: float = 0.0) -> Interval:
-        """The interval that the counted windows calibrate, with a stated repeatability from switch-on to switch-on."""
+    def interval(self, turn_on_deg_h: float | None = None) -> Interval:
+        """The interval that the counted windows calibrate.
+
+        Parameters
+        ----------
+        turn_on_deg_h : float, optional
+            Stated repeatability from switch-on to switch-on. Of a single run, the standard deviation of its bias by default.
+        """
         y_deg_h = [part.y_deg_h for part in self.training]
-        return Interval.calibrated(
+        assumed = turn_on_deg_h is None and len(self.training) == 1
+        if turn_on_deg_h is None:
+            turn_on_deg_h = float(np.std(y_deg_h[0])) if assumed else 0.0
+        interval = Interval.calibrated(
             self.errors_deg_h[self.counted],
             np.vstack([part.X for part in self.training])[self.counted][:, self.ranged],
             np.concatenate(y_deg_h)[self.counted],
@@ -86,3 +95,4 @@ class HeldOutErrors:
             blocks=len(self.training) == 1,
             turn_on_deg_h=turn_on_deg_h,
         )
+        return dataclasses.replace(interval, basis="assumed") if assumed and interval.basis == "blocks" else interval

@@ -21,7 +21,8 @@ the scatter differs from run to run: with :math:`Q_{-r}` the 90 % quantile of :m
 
 A stated repeatability from switch-on to switch-on, :math:`\sigma`, counts as ten runs: with :math:`s_0^2 = \sigma^2 (1 + 1/R)`
 the scale is that of :math:`(10 s_0^2 + (R - 1) s^2) / (R + 9)`, and T has R + 9 degrees of freedom. One run alone does not show
-how runs differ: without a stated repeatability its interval is that of the same run.
+how runs differ: without a stated repeatability the standard deviation of its bias is assumed for :math:`\sigma`, as if switching
+on anew changed the bias by as much as the programme did.
 
 Windows beyond the range of the other runs depend on w, not on q, and are not counted. Where no run lies within the range of the
 others, q is the 90 % quantile of the whole errors, extrapolated as they are: how far runs are from each other. Of a single run
@@ -55,7 +56,7 @@ Array = npt.NDArray[np.float64]
 COVERAGE: Final = 0.9
 _FEWEST_INSIDE: Final = 10
 STATED_RUNS: Final = 10  # that a stated repeatability counts for
-BASES: Final = ("runs", "spread", "blocks", "unknown")
+BASES: Final = ("runs", "spread", "blocks", "assumed", "unknown")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,11 +73,11 @@ class Interval:
         Nominal share of the windows of a new run inside the interval, on average over runs.
     runs : int
         How many runs, or units, it was calibrated on, each left out in turn; for the other bases, how many there were.
-    basis : {"runs", "spread", "blocks", "unknown"}
+    basis : {"runs", "spread", "blocks", "assumed", "unknown"}
         What was left out in turn: runs; runs of which none lies within the range of the others; blocks of a single run, which do
-        not show how runs differ; or nothing, where no error is known.
+        not show how runs differ; such blocks, with a repeatability that is assumed; or nothing, where no error is known.
     turn_on_deg_h : float
-        Stated repeatability of the bias from switch-on to switch-on that is in the half width; zero where none was stated.
+        Repeatability of the bias from switch-on to switch-on, stated or assumed, that is in the half width, or zero.
     """
 
     inside_deg_h: float
@@ -140,7 +141,7 @@ class Interval:
         scores = [np.abs(error) for error in within]
         others = [quantile([*scores[:k], *scores[k + 1 :]] or scores, coverage) for k in range(len(scores))]
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
-        spread, degrees_of_freedom = _spread_of_runs(means), max(1, len(means) - 1)
+        spread, degrees_of_freedom = _spread_of_runs(means, len(np.unique(groups))), max(1, len(means) - 1)
         if turn_on_deg_h > 0.0:
             spread, degrees_of_freedom = _with_stated(spread, turn_on_deg_h, 1 if blocks else len(means))
         inside_deg_h = _half_width(within, spread, degrees_of_freedom, coverage) + margin_deg_h
@@ -208,11 +209,9 @@ def noise_of_windows_deg_h(runs: Sequence[Array]) -> float:
     return (robust or float(np.sqrt(np.mean(bends**2)))) / math.sqrt(6.0)
 
 
-def _spread_of_runs(means: Array) -> float:
-    """s: scale of the mean error of a new run, from the mean errors of runs left out."""
-    count = len(means)
-    shrink = (count - 1) / count if count > 1 else 0.5  # one run is compared with another one
-    return float(np.sqrt(shrink * (1.0 + 1.0 / count) * np.mean(means**2)))
+def _spread_of_runs(means: Array, count: int) -> float:
+    """s: scale of the mean error of a new run, from the mean errors of runs left out of so many."""
+    return float(np.sqrt((count - 1) / count * (1.0 + 1.0 / count) * np.mean(means**2)))
 
 
 def _with_stated(spread: float, turn_on_deg_h: float, runs: int) -> tuple[float, int]:

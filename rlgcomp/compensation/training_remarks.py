@@ -30,7 +30,9 @@ def on_turning(scaling: Scaling, columns: Sequence[str]) -> list[Message]:
 
 
 def on_interval(interval: Interval) -> list[Message]:
-    """A message where no run lies within the range of the others, or no error is known at all."""
+    """A message where no run lies within the range of the others, a repeatability is assumed, or no error is known at all."""
+    if interval.basis == "assumed":
+        return [message("compensation.turn_on_assumed", turn_on_deg_h=interval.turn_on_deg_h)]
     if interval.basis == "unknown":
         return [message("compensation.interval_unknown", half_width_deg_h=interval.inside_deg_h)]
     if interval.basis != "spread":

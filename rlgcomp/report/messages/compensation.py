@@ -18,6 +18,11 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_d
             f"None of the {number} {parts} lies within the range of the others. The interval is their error extrapolated from each "
             "other, each left out in turn: for another one no share is promised."
         )
+    if basis == "assumed":
+        return (
+            f"The interval was calibrated on blocks of a single run, each left out in turn. One run does not show how runs differ: "
+            f"{turn_on_deg_h:.3g} deg/h from switch-on to switch-on is assumed, the standard deviation of the bias in that run."
+        )
     if number == 1 and turn_on_deg_h:
         return (
             f"The interval was calibrated on blocks of a single run, each left out in turn, and on the stated repeatability of "
@@ -101,6 +106,11 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "compensation.no_overlap": (
         "No run lies within the range of the others: the interval of ± {half_width_deg_h:.3g} deg/h is how far they are off when "
         "extrapolated from each other. Add a run whose range overlaps with these."
+    ),
+    "compensation.turn_on_assumed": (
+        "One run does not show how the bias differs from switch-on to switch-on: {turn_on_deg_h:.3g} deg/h is assumed in the "
+        "interval, the standard deviation of the bias in that run. State the gyro's own with --turn-on-deg-h; with 0 the interval "
+        "is that of the same run."
     ),
     "compensation.interval_unknown": (
         "The interval is not known from these runs: their errors and their noise are zero. The span of the bias, "
