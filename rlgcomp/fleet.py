@@ -251,7 +251,7 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0, gyro: str | None =
     unit : Unit
         With a simulator file.
     folder : Path
-        Receives `diagnosis.json`, `augmented.yaml` and `report.html`.
+        Receives `diagnosis.json`, `augmented.yaml`, `report.html` and its `figures`.
     seed : int
         Of all random streams.
     gyro : str, optional
@@ -276,7 +276,7 @@ def diagnose_unit(unit: Unit, folder: Path, *, seed: int = 0, gyro: str | None =
         unit.train, unit.test
     )
     diagnosis.save(folder)
-    diagnosis.report(folder / "report.html")
+    diagnosis.report(folder / "report.html", figures=folder / "figures")
     return {"verdict": diagnosis.verdict, "found": [cause.name for cause in diagnosis.causes], "p_value": diagnosis.p_value}
 
 

@@ -189,6 +189,11 @@ _SUFFIXES: Final[dict[str, str]] = {
 # Words before `_s` with which it stands for "per second" of a unit that is not known, not for seconds.
 _PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
 _INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[-−⁻](?P<power>[123¹²³])")
+_SPOKEN: Final = re.compile(  # at the end of a column's name
+    r"_(?P<base>rad|mrad|urad|deg|arcsec|m|mm|um|km|N|Nm|kg|g|A|mA|V|mV|W|Pa|hPa|bar|T|uT|Hz|J|l|counts|pulses|K|degC|s|min|h)"
+    r"(?:_(?P<per>s|min|h|m|K|V|Hz|degC))?(?P<power>[23])?"
+    r"$"
+)
 _LONGEST_UNIT: Final = 40  # letters
 _IN_SMALL_LETTERS: Final = {
     small: known[0]
@@ -205,9 +210,10 @@ _RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
 def typeset(text: str) -> str:
     """A text for a page, units as they are printed; names of columns and parameters stay as they are.
 
-    >>> typeset("0.3 deg/h/K^2 at 20 degC in 48 uT, by temperature_block_degC")
-    '0.3 deg/h/K² at 20 °C in 48 µT, by temperature_block_degC'
+    >>> typeset("0.3 deg/h/K^2 at 20 degC in 48 uT, by temperature_block_degC"), typeset("deg/sqrt(h)")
+    ('0.3 deg/h/K² at 20 °C in 48 µT, by temperature_block_degC', 'deg/√h')
     """
+    text = re.sub(r"/sqrt\((h|Hz|s)\)", r"/√\1", text)
     text = re.sub(r"\bdegC\b", "°C", re.sub(r"\buT\b", "µT", text))
     return re.sub(r"\^([2-9])\b", lambda found: _RAISED[found[1]], text)
 
@@ -236,6 +242,24 @@ def column_unit(column: str) -> str | None:
     if suffix == "_s" and column.removesuffix("_s").rpartition("_")[2] in _PER:
         return None
     return _SUFFIXES.get(suffix)
+
+
+def display_unit(column: str) -> str:
+    """Unit that a column's name ends in, for a reader, also of quantities that are never converted; empty where there is none.
+
+    >>> display_unit("angular_acceleration_rad_s2"), display_unit("angle_rad"), display_unit("heater_state")
+    ('rad/s^2', 'rad', '')
+    >>> display_unit("temperature_block_degC"), display_unit("force_N")
+    ('degC', 'N')
+    """
+    known = column_unit(column)
+    if known is not None:
+        return known
+    found = _SPOKEN.search(column)
+    if found is None:
+        return ""
+    power = f"^{found['power']}" if found["power"] else ""
+    return f"{found['base']}/{found['per']}{power}" if found["per"] else f"{found['base']}{power}"
 
 
 def header_unit(header: str) -> tuple[str, str | None]:

@@ -276,3 +276,13 @@ def test_a_table_that_turns_is_no_chamber(encoder: bool) -> None:
         runs = [rlg.Recording(run.table.assign(**angle), rlg.Metadata("turntable"), name=run.name) for run in runs]
     compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(runs)
     assert "compensation.turning" in {one.code for one in compensator.remarks_}
+
+
+def test_the_rounding_of_pulses_is_no_white_noise() -> None:
+    """What rounding adds to one window it takes from the next: the noise of means is not that of halves of windows by √2."""
+    rng = np.random.default_rng(0)
+    rate, pulse = 9.3 + rng.normal(0.0, 0.05, 40_000), 0.84
+    counted = pulse * np.diff(np.floor(np.cumsum(rate) / pulse), prepend=0.0)
+    truth = float(np.std(counted[100:].reshape(-1, 100).mean(axis=1) - 9.3))
+    assert 0.7 * truth < noise_of_means_deg_h(counted, 1.0, 100.0, pulse) < truth
+    assert noise_of_means_deg_h(counted, 1.0, 100.0) > truth

@@ -80,7 +80,7 @@ def test_what_is_said_of_a_unit_begins_with_its_name(units: list[Unit], tmp_path
     caplog.set_level(logging.INFO, logger="rlgcomp")  # a quiet command may have run before
     run_fleet(TRAIN, [Unit("lone", units[0].train[:1])], tmp_path / "out")
     messages = [record.getMessage() for record in caplog.records]
-    assert any(message.startswith("lone: one run only: parameters are selected on 5 blocks") for message in messages)
+    assert any(message.startswith("lone: one run only: 5 blocks of it choose the model") for message in messages)
     caplog.clear()
     train_unit(Unit("lone", units[0].train[:1]), tmp_path, model="cubic", features="temperature")
     assert not any(record.getMessage().startswith("lone") for record in caplog.records)

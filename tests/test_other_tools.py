@@ -176,7 +176,7 @@ def test_the_commands_write_the_files(resting: rlg.Recording, models: list[rlg.C
     run, noise = str(tmp_path / "rest.parquet"), str(tmp_path / "noise")
     done = runner.invoke(app, ["allan", run, "--to", "kalibr", "--to", "matlab", "--out", noise])
     assert done.exit_code == 0, done.output
-    assert "rad/s/sqrt(Hz)" in done.output
+    assert "rad/s/√Hz" in done.output
     assert {path.name for path in Path(noise).iterdir()} >= {"imu.yaml", "gyroparams.m", "allan.png"}
     for arguments, words in (
         (["--to", "kalibr"], "give its folder with --out"),

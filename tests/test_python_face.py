@@ -75,7 +75,7 @@ def test_results_print_as_a_few_lines(runs: list[rlg.Recording], folder: Path, t
         (rlg.load(tmp_path / "model"), 5, ("cubic on 1 input", "trained on: cold, hot")),
         (evaluation, 12, ("new", "noise floor", "together", "cold was used for training")),
         (deviation, 15, ("tau_s", "1260 samples every 10 s", "12 of 22 averaging times")),
-        (deviation.noise(), 6, ("N  angle random walk  (3.10 ± 0.17)·10⁻⁴ deg", "deg/sqrt(h)", "R  rate ramp")),
+        (deviation.noise(), 6, ("N  angle random walk  (3.10 ± 0.17)·10⁻⁴ deg", "deg/√h", "R  rate ramp")),
         (rlg.analyse_noise(runs[0]), 12, ("gyro_deg_h: mean", "temperature_block_degC changes")),
         (rlg.simulated_unit(1), 12, ("6 mechanisms", "temperature_rate: k_deg_h_min_K = -0.01", "noise: angle_random_walk")),
         (rlg.Simulator.from_mapping({"mechanisms": ["supply_voltage"]}), 3, ("(free)", "noise: to be estimated")),
@@ -156,7 +156,7 @@ def test_results_are_tables_in_a_notebook(runs: list[rlg.Recording], fitted: rlg
     evaluation = rlg.evaluate(fitted, runs, compare=False)
     for shown, words in (
         (deviation, ("<p>Allan deviation (overlapping): 1260 samples", "<th>deviation_deg_h</th>")),
-        (deviation.noise(), ("<p>Noise from 10 to ", "<td>angle random walk</td>", "deg/sqrt(h)")),
+        (deviation.noise(), ("<p>Noise from 10 to ", "<td>angle random walk</td>", "deg/√h")),
         (evaluation, ("<p>Bias stability", "<th>noise floor</th>", "<td>cold</td>", "<li>cold was used for training")),
     ):
         page = shown._repr_html_()  # the name that notebooks call

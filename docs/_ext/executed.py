@@ -17,6 +17,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -27,6 +28,7 @@ from sphinx.util.docutils import SphinxDirective
 
 logger = logging.getLogger(__name__)
 MADE = "_made"  # below the source folder: what the blocks leave for the site
+COLUMNS = 104  # of a sentence's lines
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 
 
@@ -58,10 +60,10 @@ class Executed(SphinxDirective):
             folder.mkdir(parents=True)
             self.env.temp_data["executed"] = True
         done = _done(code, language, folder, _root(self))
-        output = CONTROL.sub("", done.stdout).strip().replace(str(folder), ".")
+        output = CONTROL.sub("", done.stdout).rstrip().lstrip("\n").replace(str(folder), ".")
         if done.returncode:
             logger.warning("a block ended with %d: %s\n%s", done.returncode, code, output[-2000:], location=self.get_location())
-        lines = [line.rstrip() for line in output.splitlines()]
+        lines = [part for line in output.splitlines() for part in _folded(line.rstrip())]
         head = self.options.get("head", len(lines))
         text = "\n".join([*lines[:head], *(["…"] if len(lines) > head else [])])
         if text:
@@ -98,6 +100,13 @@ class Executed(SphinxDirective):
         else:
             logger.warning("a block did not make %s", name, location=self.get_location())
         return f"/{place.as_posix()}"
+
+
+def _folded(line: str) -> list[str]:
+    """A line as a terminal of the site's width shows it: sentences are broken between words, tables are not."""
+    if "  " in line.strip() or len(line) <= COLUMNS:
+        return [line]
+    return textwrap.wrap(line, COLUMNS, subsequent_indent="  " if line.startswith("- ") else "", break_on_hyphens=False)
 
 
 def _root(directive: SphinxDirective) -> Path:

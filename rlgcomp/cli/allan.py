@@ -169,6 +169,7 @@ def _in_pieces(
 
 def _show(analysis: Any) -> None:
     from rlgcomp.noise.processes import coefficient_text
+    from rlgcomp.units import typeset
 
     table = analysis.deviation.to_frame().rename(
         columns={
@@ -190,7 +191,7 @@ def _show(analysis: Any) -> None:
     show_table("Five noises", rows)
     show_text()
     others = [
-        {"angle random walk": coefficient_text(value, sd), "unit": unit}
+        {"angle random walk": coefficient_text(value, sd), "unit": typeset(unit)}
         for unit, (value, sd) in analysis.coefficients.angle_random_walk_in_units().items()
     ]
     show_table("Angle random walk in units of other tools", others[1:])

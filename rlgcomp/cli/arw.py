@@ -98,11 +98,11 @@ def _row(one: Any) -> dict[str, Any]:
 
 def _in_units(one: Any) -> dict[str, Any]:
     from rlgcomp.report.messages.wording import value_or_limit
-    from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS
+    from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS, typeset
 
     value, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
     texts = {unit: value_or_limit(factor * value, factor * sd, None) for unit, factor in ANGLE_RANDOM_WALK_UNITS.items()}
-    return {"run": one.run, "gyro": one.gyro, **{unit: texts[unit] for unit in list(texts)[1:]}}
+    return {"run": one.run, "gyro": one.gyro, **{typeset(unit): texts[unit] for unit in list(texts)[1:]}}
 
 
 def _coefficients(one: Any) -> dict[str, Any]:

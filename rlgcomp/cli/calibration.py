@@ -50,7 +50,7 @@ def calibrate(
         typer.Option(
             "--angle-random-walk",
             metavar="N",
-            help="Angle random walk of the gyros in deg/sqrt(h); unless given, estimated from the runs.",
+            help="Angle random walk of the gyros in deg/√h; unless given, estimated from the runs.",
         ),
     ] = None,
     mapping: Map = None,

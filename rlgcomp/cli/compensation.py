@@ -221,9 +221,12 @@ def train(
         show_table(
             f"{model} on {len(compensator.pipeline_.names)} inputs",
             [
-                {"": "before, deg/h", " ": summary["before_rms_deg_h"]},
-                {"": f"with {'runs' if adapt is None else 'units'} left out, deg/h", " ": summary["left_out_rms_deg_h"]},
-                {"": "90 % interval, ± deg/h", " ": summary["half_width_deg_h"] if known else "not known from these runs"},
+                {"": "before, deg/h", " ": f"{summary['before_rms_deg_h']:.3g}"},
+                {
+                    "": f"with {'runs' if adapt is None else 'units'} left out, deg/h",
+                    " ": "–" if rmse is None else f"{summary['left_out_rms_deg_h']:.3g}",
+                },
+                {"": "90 % interval, ± deg/h", " ": f"{summary['half_width_deg_h']:.3g}" if known else "not known from these runs"},
                 *([{"": "not used, without gain", " ": ", ".join(compensator.unused_)}] if compensator.unused_ else []),
                 {"": "selected", " ": selected or "no parameter: one candidate"},
             ],

@@ -208,7 +208,9 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         X, y, groups = self.training_rows()
         if len(runs) == 1:
             logger.warning(
-                "one run only: parameters are selected on %d blocks of it; expect less on another programme", BLOCKS_OF_ONE_RUN
+                "one run only: %d blocks of it choose the model, each predicted from the others; expect larger errors on "
+                "another programme",
+                BLOCKS_OF_ONE_RUN,
             )
         model = _resolved(model, self.pipeline_, one_run=len(runs) == 1)
         self.selection_ = (

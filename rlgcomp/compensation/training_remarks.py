@@ -58,7 +58,9 @@ def on_errors_below_noise(
     """
     if rmse is None:
         return []
-    noises = [noise_of_means_deg_h(run.rate_deg_h(gyro), run.period_s, averaging_s) for run in runs]
+    noises = [
+        noise_of_means_deg_h(run.rate_deg_h(gyro), run.period_s, averaging_s, run.metadata.pulse_arcsec or 0.0) for run in runs
+    ]
     left_out, noise = rmse * scaling.y_scale_deg_h, float(np.sqrt(np.mean(np.square(noises))))
     if left_out >= BELOW_NOISE * noise:
         return []

@@ -42,7 +42,7 @@ from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.report.messages import Message, message
-from rlgcomp.units import column_unit
+from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
 
@@ -401,7 +401,7 @@ def _request(
         lacking = [run.name for run in (*runs.train, *runs.confirm, *runs.test) if output not in run]
         if lacking:
             raise InputError(f"output is {output!r}, which {lacking[0]} lacks; it has {', '.join(first.columns)}")
-        channel, unit = output, unit or column_unit(output) or output.rpartition("_")[2]
+        channel, unit = output, unit or display_unit(output) or output.rpartition("_")[2]
     kind = runs.base.kind
     present = [mechanism.name for mechanism in runs.base.mechanisms]
     tried = [one for name, one in candidates.items() if one.is_candidate(kind) and name not in present]

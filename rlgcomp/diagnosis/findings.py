@@ -26,7 +26,7 @@ from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
-from rlgcomp.units import column_unit
+from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
 DEG_H: Final = "deg/h"
@@ -255,7 +255,7 @@ def _coefficient(lead: Basis, unit: str) -> tuple[str, str]:
     if isinstance(lead, Sign):
         return "c", unit
     if isinstance(lead, Power) and lead.degree == 1 and lead.path.memory == "none":
-        return "k", f"{unit}/({column_unit(lead.path.driver.columns[0]) or 'unit'})"
+        return "k", f"{unit}/({display_unit(lead.path.driver.columns[0]) or 'unit'})"
     return "", ""
 
 
@@ -345,7 +345,7 @@ def _static(fit: Fit, k: int, path: Path) -> Function:
     value, sd = _tabulated(fit, k, columns, means)
     driver = path.driver
     raw = driver.half * (path.centre + path.half * at) + (0.0 if path.memory == "rate" else driver.centre)
-    unit = "" if driver.combination == "contrast" else column_unit(driver.columns[0]) or ""
+    unit = "" if driver.combination == "contrast" else display_unit(driver.columns[0])
     of = {"rate": f"d({driver.symbol})/dt", "lag": f"lag({driver.symbol}, {path.time_s:.4g} s)"}.get(path.memory, driver.symbol)
     return _made("static", of, f"{unit}/min" if path.memory == "rate" else unit, raw, value, sd)
 
@@ -370,7 +370,7 @@ def _response(fit: Fit, k: int, driver: Driver) -> Function:
         elif isinstance(basis, Conduction | Spectrum) and basis.driver == driver:
             times, weights = basis.mixture()
             columns[j] = -np.exp(-np.divide.outer(at, times)) @ weights / driver.half
-    unit = column_unit(driver.columns[0]) or "unit"
+    unit = display_unit(driver.columns[0]) or "unit"
     return _made("response", f"time since a step of {driver.symbol} by 1 {unit}", "s", at, *_tabulated(fit, k, columns))
 
 
@@ -386,7 +386,7 @@ def _loop(fit: Fit, k: int, driver: Driver) -> Function:
     means = {j: fit.bank.columns(basis)[rows].mean(axis=0) for j, (basis, _) in enumerate(bases)}
     value, sd = _tabulated(fit, k, columns, means)
     u = run.window_means(driver.raw(run))[places]
-    return dataclasses.replace(_made("loop", driver.symbol, column_unit(driver.columns[0]) or "", u, value, sd), run=run.name)
+    return dataclasses.replace(_made("loop", driver.symbol, display_unit(driver.columns[0]), u, value, sd), run=run.name)
 
 
 def _made(kind: str, of: str, of_unit: str, at: Array, value: Array, sd: Array) -> Function:

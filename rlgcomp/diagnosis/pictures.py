@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.text import alternative_rows, cause_words
 from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import is_gyro
 from rlgcomp.report.drawing import (
     FIT,
     FLOOR,
@@ -32,6 +33,7 @@ from rlgcomp.report.drawing import (
     STYLE,
     WIDTH_IN,
     column_label,
+    column_words,
     legend,
     panels,
     power,
@@ -42,7 +44,7 @@ from rlgcomp.report.drawing import (
 from rlgcomp.report.messages.wording import probability_text
 from rlgcomp.report.page import Picture
 from rlgcomp.report.svg import picture
-from rlgcomp.units import column_unit, typeset
+from rlgcomp.units import display_unit, typeset
 
 Array = npt.NDArray[np.float64]
 Truth = Mapping[str, Mechanism]  # the concealed mechanisms by name, where they are known
@@ -52,6 +54,7 @@ _MOST_RUNS: Final = 8
 _BAND: Final = 2.0  # standard deviations
 _NAME: Final = 80  # letters of a run's name on a line
 _CAUSE: Final = 34  # letters of a set on a line
+_LEGEND_IN: Final = 1.9  # least height of a panel of bars, whose legend has four lines beside it
 _TEXT_IN: Final = 0.16  # height of a line
 
 
@@ -81,7 +84,8 @@ def draw(ax: Any, record: Record, run: str | None) -> Any:
     score = record.test or record.train
     causes = [k for k, one in enumerate(record.members) if one.function is not None]
     shown = max(causes, key=lambda k: record.members[k].rms) if causes else None
-    axes = panels(ax, [2.4, *([] if shown is None else [2.6]), _height_of_scores(score)], sharex=False)
+    heights = [2.4, *([] if shown is None else [2.6]), max(_height_of_scores(score), _LEGEND_IN)]
+    axes = panels(ax, heights, sharex=False)
     with rc_context(STYLE):
         draw_run(axes[0], record, *chosen)
         legend(axes[0])
@@ -130,7 +134,7 @@ def draw_run(axes: Axes, record: Record, run: Run, role: str, longest_s: float |
     band = _BAND * scale * record.after.noise_rms
     axes.axhspan(-band, band, color=FLOOR, alpha=0.13, lw=0, label="± 2 s.d. of noise")
     axes.set_title(wrapped(f"{run.name} ({role})", _NAME))
-    axes.set_ylabel(typeset(unit))
+    axes.set_ylabel(_quantity(record, unit))
     axes.set_xlabel(label)
 
 
@@ -178,11 +182,11 @@ def draw_function(axes: Axes, record: Record, k: int, truth: Truth | None = None
     if in_time:
         axes.set_xscale("log")
         axes.set_xlabel(typeset(f"{table.of} in {label.removeprefix('time in ')}"))
-    elif column_unit(table.of) is not None:
+    elif display_unit(table.of):
         axes.set_xlabel(column_label(table.of))
     else:
         axes.set_xlabel(typeset(f"{table.of}{f' in {table.of_unit}' * bool(table.of_unit)}"))
-    axes.set_ylabel(typeset(unit))
+    axes.set_ylabel(_quantity(record, unit))
     path = f", path of {table.run}" if table.kind == "loop" else ""
     axes.set_title(wrapped(f"{_name(cause)}: contribution{path}", _NAME))
 
@@ -205,8 +209,14 @@ def _draw_over_time(axes: Axes, record: Record, k: int, concealed: Mechanism | N
         true = _true_means(concealed, run)
         axes.plot(at, scale * (true - true.mean() + value.mean()), "--", color=INK, lw=1.3, label="concealed (the truth)")
     axes.set_xlabel(label)
-    axes.set_ylabel(typeset(unit))
+    axes.set_ylabel(_quantity(record, unit))
     axes.set_title(wrapped(f"{_name(cause)}: contribution to {run.name}", _NAME))
+
+
+def _quantity(record: Record, unit: str) -> str:
+    """Label of an axis: the unit alone of a gyro, with the quantity's name of another output."""
+    channel = record.request.channel
+    return typeset(unit) if is_gyro(channel) else wrapped(f"{column_words(channel)}, {typeset(unit)}")
 
 
 def _name(cause: Cause) -> str:

@@ -21,7 +21,7 @@ from rlgcomp.report.messages.wording import (
     span_text,
     time_text,
 )
-from rlgcomp.units import column_unit
+from rlgcomp.units import display_unit
 
 GROUPS: Final = {
     "train": "train: name and fit",
@@ -31,6 +31,14 @@ GROUPS: Final = {
 SCORE_COLUMNS: Final = ("runs", "before", "after", "LS-SVM", "noise", "improvement", "95 % interval")
 MEMBER_COLUMNS: Final = ("what", "probability", "rms", "follows", "parameters", "perhaps instead")
 _SHOWN: Final = 6
+_REGIONS: Final = {
+    "law": "a law of {0}",
+    "lag": "a lag of {0}",
+    "loop": "a hysteresis of {0}",
+    "rate": "a law of the rate of {0}",
+    "product": "a product of {0} and {1}",
+}
+_REGION: Final = re.compile(rf"\b({'|'.join(_REGIONS)}):([\w:]+)")
 
 
 def as_text(record: Record) -> str:
@@ -40,9 +48,11 @@ def as_text(record: Record) -> str:
     if record.members:
         parts.append(_table("What is missing", MEMBER_COLUMNS, member_rows(record)))
     if record.alternatives:
-        parts.append(_table("Other sets", ("set", "probability"), alternative_rows(record)))
+        parts.append(
+            _table("Other sets", ("set", "probability"), [[region_words(label), p] for label, p in alternative_rows(record)])
+        )
     if record.where:
-        title = f"Where ({p_text(record.p_value)} of nothing missing)"
+        title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"
         parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {record.unit}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
@@ -97,7 +107,17 @@ def cause_words(text: str) -> str:
     >>> cause_words("thermal_hysteresis + late temperature_block_degC")
     'thermal hysteresis + late temperature_block_degC'
     """
-    return re.sub(r"\w+", lambda found: found[0] if column_unit(found[0]) else found[0].replace("_", " "), text)
+    return re.sub(r"\w+", lambda found: found[0] if display_unit(found[0]) else found[0].replace("_", " "), region_words(text))
+
+
+def region_words(text: str) -> str:
+    """Laws without a name in a text as words.
+
+    >>> region_words("law:angle_rad + wander")
+    'a law of angle_rad + a slow error of no recorded column'
+    """
+    text = _REGION.sub(lambda found: _REGIONS[found[1]].format(*found[2].split(":")), text)
+    return re.sub(r"(?<![\w ])(wander|unrecorded)\b|(?<=\+ )(wander|unrecorded)\b", "a slow error of no recorded column", text)
 
 
 def alternative_rows(record: Record) -> list[list[str]]:

@@ -221,7 +221,7 @@ def search(table: pd.DataFrame) -> Picture | None:
         least = float(table["rmse"].min())
         axes.set(xscale="log", yscale="log")
         axes.set_ylim(0.9 * least, 1.15 * min(float(np.nanmax(grid.to_numpy()[:, nearest])), _ABOVE_LEAST * least))
-        axes.set_xlabel("c")
+        axes.set_xlabel("c, weight of the errors against smoothness")
         axes.set_ylabel("rms error over the gyro's spread")
         axes.set_title("Search: error with runs left out")
         legend(axes)
@@ -229,7 +229,8 @@ def search(table: pd.DataFrame) -> Picture | None:
             figure,
             "search",
             "Search of the hyperparameters",
-            f"Rms error with runs left out, over the gyro's spread, against c; chosen: c = {chosen['c']:.3g}, sigma = "
+            "Rms error with runs left out, over the gyro's spread, against c, a line for each width sigma of the kernel; "
+            f"chosen: c = {chosen['c']:.3g}, sigma = "
             f"{chosen['sigma']:.3g}, error {chosen['rmse']:.3g}",
         )
 
@@ -248,7 +249,7 @@ def contributions(recording: Recording) -> Picture | None:
         noises = [name for name in truth.columns if name in NOISES]
         names = [name for name in truth.columns if name not in NOISES]
         factor, unit = power(float(max([np.ptp(truth[name]) for name in truth.columns], default=1.0)), "deg/h")
-        axes.plot(at, factor * truth[noises].sum(axis=1), color="#d7dade", lw=0.9, label="noise")
+        axes.plot(at, factor * truth[noises].sum(axis=1), color=RAW, alpha=0.45, lw=0.7, label="noise")
         for k, name in enumerate(names):
             values = truth[name].to_numpy()
             axes.plot(at, factor * (values - values.mean()), lw=1.5, color=f"C{k}", label=wrapped(name.replace("_", " ")))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pandas as pd
 
@@ -17,6 +17,14 @@ from rlgcomp.recording import Recording
 from rlgcomp.recording.provenance import provenance
 from rlgcomp.report.page import Described, Picture, digests, save_pictures
 from rlgcomp.report.page import render as render_page
+
+_MODELS: Final = {
+    "LSSVMRegressor": "Least squares support vector machine (LS-SVM)",
+    "FixedSizeLSSVM": "Fixed-size LS-SVM",
+    "CubicLeastSquares": "Least squares on a cubic polynomial",
+    "KernelBaselines": "Kernel regression",
+    "SequenceRegressor": "Sequence model (neural)",
+}
 
 
 def write_report(
@@ -109,8 +117,8 @@ def _page(
         gains=_gains(evaluation),
         next=_next(evaluation),
         correlation=evaluation.correlation.assign(correlation=[f"{value:.3f}" for value in evaluation.correlation["correlation"]]),
-        model=type(compensator.model_).__name__,
-        parameters=parameters_of(compensator.model_),
+        model=_model(compensator),
+        parameters=_parameter_table(compensator),
         inputs=pd.DataFrame(
             {
                 "input": list(compensator.pipeline_.names),
@@ -128,6 +136,28 @@ def _page(
     )
     several = [one for _, *both in pictures for one in both] + list(shown.values()) + [one for _, one in contributions]
     return page, [one for one in several if one is not None]
+
+
+def _model(compensator: Compensator) -> str:
+    """The model in a few words, with the hyperparameters that were chosen."""
+    name = type(compensator.model_).__name__
+    kernel = parameters_of(compensator.model_).get("kernel")
+    words = _MODELS.get(name, name) + (f" with a {kernel} kernel" if isinstance(kernel, str) else "")
+    best = compensator.selection_.best
+    chosen = ", ".join(f"{key} = {_value(value)}" for key, value in best.items())
+    parts = "run" if len(compensator.provenance_) != 1 else "block of the run"
+    return f"{words}; chosen by leaving each {parts} out in turn: {chosen}." if chosen else f"{words}."
+
+
+def _parameter_table(compensator: Compensator) -> pd.DataFrame:
+    parameters = parameters_of(compensator.model_)
+    return pd.DataFrame({"parameter": list(parameters), "value": [_value(one) for one in parameters.values()]})
+
+
+def _value(value: Any) -> str:
+    if value is None or value == ():
+        return "–"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _answer(evaluation: EvaluationRecord) -> str:

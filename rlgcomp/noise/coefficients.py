@@ -47,9 +47,9 @@ Whole = npt.NDArray[np.int64]
 # Symbol, noise and unit of each coefficient
 COEFFICIENTS: Final = {
     "quantization_arcsec": ("Q", "quantization", "arcsec"),
-    "angle_random_walk_deg_sqrt_h": ("N", "angle random walk", "deg/sqrt(h)"),
+    "angle_random_walk_deg_sqrt_h": ("N", "angle random walk", "deg/√h"),
     "bias_instability_deg_h": ("B", "bias instability", "deg/h"),
-    "rate_random_walk_deg_h_sqrt_h": ("K", "rate random walk", "deg/h/sqrt(h)"),
+    "rate_random_walk_deg_h_sqrt_h": ("K", "rate random walk", "deg/h/√h"),
     "rate_ramp_deg_h2": ("R", "rate ramp", "deg/h²"),
 }
 NAMES: Final = tuple(COEFFICIENTS)

@@ -111,8 +111,11 @@ def _repeated(values: Array, distinct: Array, counts: npt.NDArray[np.int64]) -> 
     return {"samples": len(values), "frequent": (float(distinct[most]), int(counts[most])), "held": held}
 
 
-def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float) -> float:
-    """Least standard deviation that the white noise of a run can leave in its means: by its samples, or by halves of its windows.
+def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float, pulse_arcsec: float = 0.0) -> float:
+    """Least standard deviation that the noise of a run can leave in its means: by its samples, or by halves of its windows.
+
+    The rounding of the angle to pulses is no white noise: what it adds to one window it takes from the next, so that means over
+    twice the time hold half as much of it.
 
     Parameters
     ----------
@@ -121,6 +124,8 @@ def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float)
         Sample period in s.
     averaging_s : float
         Length of a window in s.
+    pulse_arcsec : float
+        Angle of a pulse, where the gyro counts them.
     """
     size = max(2, round(averaging_s / period_s) // 2)
     count = len(rate_deg_h) // size
@@ -128,8 +133,11 @@ def noise_of_means_deg_h(rate_deg_h: Array, period_s: float, averaging_s: float)
     if count < _FEWEST_WINDOWS or channel is None:
         return 0.0
     halves = rate_deg_h[: count * size].reshape(count, size).mean(axis=1)
-    by_halves = 1.4826 * float(np.median(np.abs(np.diff(halves, 2)))) / np.sqrt(6.0 * 2.0)
-    return min(channel.noise / np.sqrt(2.0 * size), by_halves)
+    second_differences = (1.4826 * float(np.median(np.abs(np.diff(halves, 2))))) ** 2
+    rounding = pulse_arcsec**2 / 12.0 / (size * period_s) ** 2  # variance of an end of a half; 1 arcsec/s is 1 deg/h
+    rounded = min(second_differences, 20.0 * rounding)
+    white = (second_differences - rounded) / 6.0
+    return min(channel.noise / np.sqrt(2.0 * size), float(np.sqrt(0.5 * white + rounded / 40.0)))
 
 
 def _channels(runs: Sequence[Recording]) -> list[Message]:

@@ -23,7 +23,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from rlgcomp.errors import InputError
 from rlgcomp.report.svg import names_as_they_are
-from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE, column_unit, typeset
+from rlgcomp.units import SECONDS_PER_HOUR, SECONDS_PER_MINUTE, column_unit, display_unit, typeset
 
 Array = npt.NDArray[np.float64]
 # Okabe and Ito's palette, which colour-blind readers can distinguish
@@ -183,11 +183,11 @@ def power(size: float, unit: str) -> tuple[float, str]:
 def column_label(column: str) -> str:
     """A column's name as a reader would say it.
 
-    >>> column_label("temperature_block_degC")
-    'temperature block, °C'
+    >>> column_label("temperature_block_degC"), column_label("angular_acceleration_rad_s2")
+    ('temperature block, °C', 'angular acceleration, rad/s²')
     """
-    unit = column_unit(column)
-    return column.replace("_", " ") if unit is None else f"{column_words(column)}, {typeset(unit)}"
+    unit = display_unit(column)
+    return f"{column_words(column)}, {typeset(unit)}" if unit else column.replace("_", " ")
 
 
 def column_words(column: str) -> str:
@@ -196,8 +196,8 @@ def column_words(column: str) -> str:
     >>> column_words("gyro_x_deg_h")
     'gyro x'
     """
-    unit = column_unit(column)
-    stem = column if unit is None else column.removesuffix("_" + unit.replace("/", "_").replace("^", ""))
+    unit = display_unit(column)
+    stem = column if not unit else column.removesuffix("_" + unit.replace("/", "_").replace("^", ""))
     return stem.replace("_", " ")
 
 

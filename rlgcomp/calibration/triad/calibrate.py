@@ -144,7 +144,7 @@ def calibrate_turntable(
     noise = None
     if angle_random_walk_deg_sqrt_h is not None:
         if not 0.0 < angle_random_walk_deg_sqrt_h < _MOST_NOISE:
-            raise InputError(f"the angle random walk is {angle_random_walk_deg_sqrt_h} deg/sqrt(h); it must lie between 0 and 1")
+            raise InputError(f"the angle random walk is {angle_random_walk_deg_sqrt_h} deg/√h; it must lie between 0 and 1")
         noise = Noise(angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
     if latitude_deg is not None:
         recordings = [_at_latitude(recording, latitude_deg) for recording in recordings]

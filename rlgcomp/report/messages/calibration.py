@@ -59,7 +59,7 @@ def _outliers(run: str, at_s: Sequence[float], limit_sd: float, margin_s: float,
 
 def _angle_random_walk(angle_random_walk_deg_sqrt_h: float, estimated: bool) -> str:
     source = "estimated from these runs" if estimated else "as stated"
-    return f"angle random walk {angle_random_walk_deg_sqrt_h:.3g} deg/sqrt(h), {source}"
+    return f"angle random walk {angle_random_walk_deg_sqrt_h:.3g} deg/√h, {source}"
 
 
 def _not_determined(parameters: Sequence[str]) -> str:

@@ -9,9 +9,9 @@ from rlgcomp.report.messages.wording import estimate_text, time_text, value_or_l
 
 # Phrase around each coefficient with its value, by name
 _INDICATED: Final = {
-    "angle_random_walk_deg_sqrt_h": "angle random walk, N {} deg/sqrt(h)",
+    "angle_random_walk_deg_sqrt_h": "angle random walk, N {} deg/√h",
     "bias_instability_deg_h": "bias instability, B {} deg/h",
-    "rate_random_walk_deg_h_sqrt_h": "rate random walk (K {} deg/h/sqrt(h)) or a slow oscillation",
+    "rate_random_walk_deg_h_sqrt_h": "rate random walk (K {} deg/h/√h) or a slow oscillation",
     "rate_ramp_deg_h2": "rate ramp (R {} deg/h²), motion or temperature",
 }
 
@@ -42,8 +42,8 @@ def _slope_quantization(
 ) -> str:
     return (
         f"{_segment(**segment)}: quantization or residual dither (Q {value_or_limit(value, sd, upper_limit)} arcsec), not angle "
-        f"random walk: an N read at {read_at_s:.3g} s would be {apparent_angle_random_walk_deg_sqrt_h:.2g} deg/sqrt(h), but the "
-        f"curve at {largest_at_s:.3g} s allows no more than {largest_angle_random_walk_deg_sqrt_h:.2g} deg/sqrt(h)"
+        f"random walk: an N read at {read_at_s:.3g} s would be {apparent_angle_random_walk_deg_sqrt_h:.2g} deg/√h, but the "
+        f"curve at {largest_at_s:.3g} s allows no more than {largest_angle_random_walk_deg_sqrt_h:.2g} deg/√h"
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
+from rlgcomp.report.messages.column_names import suggested_gyro, suggested_time
 from rlgcomp.units import value_and_sd
 
 
@@ -17,14 +18,16 @@ def _time_stamps_left_out(*, repeated: int, backward: int) -> str:
 
 
 def _no_time_column(*, columns: Sequence[str]) -> str:
-    return (
-        f"no column time_s; the columns are {_listed(columns)}; map the time with --map time_s='NAME [unit]', of two columns with "
-        "'DATE + TIME'; without any, give the sample period with --period-s"
-    )
+    here = suggested_time(columns)
+    general = "map the time with --map time_s='NAME [unit]', of two columns with 'DATE + TIME'"
+    how = f"map the time, here probably with {here}" if here else general
+    return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
 
 
 def _no_gyro_column(*, columns: Sequence[str]) -> str:
-    return f"no gyro column; the columns are {_listed(columns)}; map one with --map gyro_deg_h='NAME [unit]'"
+    here = suggested_gyro(columns)
+    how = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
+    return f"no gyro column; the columns are {_listed(columns)}; {how}"
 
 
 def _names_in_remark(*, columns: Sequence[str]) -> str:
@@ -81,7 +84,7 @@ def _mostly_missing(*, share: float) -> str:
 def _noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str], source: str) -> str:
     maps = " or ".join(_map(column, source, other) for other in likely_units)
     return (
-        f"its white noise would be {noise_deg_sqrt_h:.1e} deg/sqrt(h), less than any gyro's, so the unit is hardly {unit}; "
+        f"its white noise would be {noise_deg_sqrt_h:.1e} deg/√h, less than any gyro's, so the unit is hardly {unit}; "
         f"state the unit: {maps}; if {unit} is right, state that: {_map(column, source, unit)}"
     )
 
