@@ -168,6 +168,7 @@ def _in_pieces(
 
 
 def _show(analysis: Any) -> None:
+    from rlgcomp.noise.coefficients import COEFFICIENTS
     from rlgcomp.noise.processes import coefficient_text
     from rlgcomp.units import typeset
 
@@ -184,10 +185,12 @@ def _show(analysis: Any) -> None:
         f"{analysis.gyro}: {analysis.deviation.estimator} estimator, mean {analysis.mean_deg_h:.6g} deg/h", table.to_dict("records")
     )
     show_text()
-    rows = [
-        {"coefficient": name, "value ± standard error": coefficient_text(value, sd)}
-        for name, value, sd in analysis.coefficients.to_frame().itertuples(index=False)
-    ]
+    rows = []
+    for name, value, sd in analysis.coefficients.to_frame().itertuples(index=False):
+        symbol, noise, unit = COEFFICIENTS[name]
+        text = coefficient_text(value, sd)
+        shown = f"{text} {unit}" if any(letter.isdigit() for letter in text) else text
+        rows.append({"symbol": symbol, "noise": noise, "value ± standard error": shown})
     show_table("Five noises", rows)
     show_text()
     others = [

@@ -134,7 +134,7 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
                 "repeats": len(factor.repeats),
                 "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
                 "relative spread": two_digits(factor.relative_spread),
-                "expected of rounding, mark and walk": two_digits(factor.relative_expected),
+                "spread expected (rounding, index mark, random walk)": two_digits(factor.relative_expected),
                 "relative standard error": two_digits(factor.relative_sd),
                 "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
             }
@@ -152,10 +152,22 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
     if calibration.mounting is not None and calibration.budget is not None:
         mounting, budget = calibration.mounting, calibration.budget
         tables[f"Mounting angle from {len(mounting.positions)} positions, standard errors from the {mounting.sd_from}"] = [
-            {"": "theta, arcsec", "value": f"{mounting.theta_arcsec:.3f}", "standard error": two_digits(mounting.theta_sd_arcsec)},
+            {
+                "": "theta, arcsec (gyro to table axis)",
+                "value": f"{mounting.theta_arcsec:.3f}",
+                "standard error": two_digits(mounting.theta_sd_arcsec),
+            },
             {"": "  as printed, eq. (18)", "value": f"{mounting.theta_printed_arcsec:.3f}", "standard error": ""},
-            {"": "beta0, deg", "value": f"{mounting.beta0_deg:.3f}", "standard error": two_digits(mounting.beta0_sd_deg)},
-            {"": "alpha, deg", "value": f"{mounting.alpha_deg:.5f}", "standard error": two_digits(mounting.alpha_sd_deg)},
+            {
+                "": "beta0, deg (direction of theta)",
+                "value": f"{mounting.beta0_deg:.3f}",
+                "standard error": two_digits(mounting.beta0_sd_deg),
+            },
+            {
+                "": "alpha, deg (between the tables' axes)",
+                "value": f"{mounting.alpha_deg:.5f}",
+                "standard error": two_digits(mounting.alpha_sd_deg),
+            },
         ]
         tables[f"Error budget of theta, arcsec (bound by eq. 21: {budget.bound_arcsec:.2f} for four positions)"] = [
             {

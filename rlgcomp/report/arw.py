@@ -79,7 +79,8 @@ def output(one: AngleRandomWalk) -> Picture:
         minute_after.set_xlabel("time in s")
         for axes in (top, bottom):
             axes.set_ylabel("deg/h")
-        top.legend(loc="upper left", frameon=True, facecolor="white", framealpha=0.9, edgecolor="none")
+        handles, labels = top.get_legend_handles_labels()
+        figure.legend(handles[::-1], labels[::-1], loc="outside lower left", ncols=2)
         return picture(
             figure,
             f"{_stem(one)}-output",
@@ -101,7 +102,7 @@ def allan(one: AngleRandomWalk) -> Picture:
         axes.loglog(tau, np.sqrt(one.coefficients.terms(tau).sum(axis=0)), color=FIT, lw=1.4, label="five-term fit")
         n, sd = one.angle_random_walk_deg_sqrt_h, one.angle_random_walk_deg_sqrt_h_sd
         axes.fill_between(tau, 60 * (n - 2 * sd) / np.sqrt(tau), 60 * (n + 2 * sd) / np.sqrt(tau), color=FLOOR, alpha=0.25, lw=0)
-        axes.loglog(tau, 60 * n / np.sqrt(tau), color=FLOOR, lw=1.2, ls="--", label=f"N = {n:.3g} ± {sd:.1g} deg/√h")
+        axes.loglog(tau, 60 * n / np.sqrt(tau), color=FLOOR, lw=1.2, ls="--", label=f"N = {estimate_text(n, sd, 'deg/√h')}")
         plain_powers(axes.xaxis, axes.yaxis)
         axes.set_xlabel("averaging time in s")
         axes.set_ylabel("Allan deviation in deg/h")
@@ -112,7 +113,7 @@ def allan(one: AngleRandomWalk) -> Picture:
             f"{_stem(one)}-allan",
             f"Allan deviation, {_name(one)}",
             f"Deviation in deg/h against averaging time in s, before and after harmonics and trend; "
-            f"dashed: N = {n:.3g} ± {sd:.1g} deg/√h",
+            f"dashed: N = {estimate_text(n, sd, 'deg/√h')}",
         )
 
 

@@ -144,7 +144,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "calibration.outliers": _outliers,
     "calibration.angle_random_walk": _angle_random_walk,
     "calibration.velocity_random_walk": (
-        "accelerometers' velocity random walk {velocity_random_walk_ug_sqrt_hz:.2g} ug/sqrt(Hz), estimated from these runs and "
+        "accelerometers' velocity random walk {velocity_random_walk_ug_sqrt_hz:.2g} µg/√Hz, estimated from these runs and "
         "including vibration; if it is far above the data sheet's, look for vibration or flexing"
     ),
     "calibration.no_accelerometers": (
