@@ -50,7 +50,7 @@ def test_a_signal_leaves_no_scratch(simulator: Path, tmp_path: Path) -> None:
         "simulate",
         str(simulator),
         "--profile",
-        "start 20, hold 3000",
+        "start 20, hold 1000",
         "--step-s",
         "0.2",
         "--out",
