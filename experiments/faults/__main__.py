@@ -28,14 +28,13 @@ def main() -> None:
         commands = [one for one in COMMANDS if one.name in (options.commands or [one.name])]
         more = iter(()) if options.only_kills else others(folder, commands)
         trials = []
-        for trial in itertools.chain(kills(folder, options.kills, options.seed, commands), more):
-            trials.append(trial)
-            if trial.problems:
-                print(
-                    f"- {trial.command}, {trial.fault}, {trial.seconds:.2f} s: {'; '.join(trial.problems)}",
-                    file=sys.stderr,
-                    flush=True,
-                )
+        try:
+            for trial in itertools.chain(kills(folder, options.kills, options.seed, commands), more):
+                trials.append(trial)
+                outcome = "; ".join(trial.problems) or "no problem"
+                print(f"- {trial.command}, {trial.fault}, {trial.seconds:.2f} s: {outcome}", file=sys.stderr, flush=True)
+        except KeyboardInterrupt:
+            print("stopped before the end", file=sys.stderr)
     print(page(trials))
 
 

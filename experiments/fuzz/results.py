@@ -163,7 +163,7 @@ def pages(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
     path = folder / str(rng.choice(["run.parquet", "run.csv", "$x^{<b>.csv", "a b'.parquet"]))
     path = _saved(path, made["turning" if name == "arw" else "table"], rng)
     start = ["evaluate", str(made["folder"] / "model")] if name == "evaluate" else [name]
-    more = ["--model", "cubic"] if name == "train" else []
+    more = {"train": ["--model", "cubic"], "evaluate": ["--no-comparison"]}.get(name, [])
     command([*start, str(path), *more, "--out", str(folder / "out")])
     require_harmless(folder / "out")
 
