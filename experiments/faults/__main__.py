@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -21,6 +22,7 @@ def main() -> None:
     parser.add_argument("--only-kills", action="store_true")
     parser.add_argument("--commands", nargs="*", choices=[one.name for one in COMMANDS], metavar="COMMAND", help="these alone")
     options = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     import_all()
     with tempfile.TemporaryDirectory(prefix="faults-") as scratch:
         folder = Path(scratch)

@@ -97,6 +97,8 @@ def start(
         return child
     code = 70
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # which a job in the background ignores
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
         os.setsid()
         os.chdir(folder)
         os.environ.update(
