@@ -286,3 +286,11 @@ def test_the_rounding_of_pulses_is_no_white_noise() -> None:
     truth = float(np.std(counted[100:].reshape(-1, 100).mean(axis=1) - 9.3))
     assert 0.7 * truth < noise_of_means_deg_h(counted, 1.0, 100.0, pulse) < truth
     assert noise_of_means_deg_h(counted, 1.0, 100.0) > truth
+
+
+def test_a_table_that_turns_steadily_is_no_chamber(short_runs: list[rlg.Recording], caplog: pytest.LogCaptureFixture) -> None:
+    turned = [run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + 60.0 * 3600.0)) for run in short_runs[:2]]
+    compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(turned)
+    (remark,) = [one for one in compensator.remarks_ if one.code == "compensation.turning_steadily"]
+    assert remark.data["mean_deg_h"] == pytest.approx(216e3, rel=1e-3)
+    assert "may hold Earth rate" not in caplog.text

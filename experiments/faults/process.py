@@ -97,7 +97,7 @@ def start(
         return child
     code = 70
     try:
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # which a job in the background ignores
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # which a job in the background ignores
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
         os.setsid()
         os.chdir(folder)

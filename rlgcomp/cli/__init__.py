@@ -6,7 +6,7 @@ import gc
 import importlib
 
 from rlgcomp.cli.base import app
-from rlgcomp.cli.ending import prepare_streams
+from rlgcomp.cli.ending import interrupt_quietly, prepare_streams
 
 COMMANDS = (
     "demo",
@@ -36,6 +36,7 @@ def register_commands() -> None:
 
 def main() -> None:
     """Entry point of the console script."""
+    interrupt_quietly()
     prepare_streams()
     gc.set_threshold(10_000)  # what imports make stays: to look through it every 700 objects took 0.3 s of a diagnosis
     register_commands()

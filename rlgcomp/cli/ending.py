@@ -87,6 +87,12 @@ def _end_with(error: Exception) -> None:
     raise typer.Exit(INTERNAL_FAULT) from None
 
 
+def interrupt_quietly() -> None:
+    """Let SIGINT end the process without a traceback while no command runs: before and after it nothing is being written."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def prepare_streams() -> None:
     """Open standard streams that are closed, so that no file takes their numbers, and let none fail over a character."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
@@ -112,15 +118,17 @@ def _shortened(text: str) -> str:
 
 @contextlib.contextmanager
 def _stopped_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP raise :class:`Stopped`, so that scratch is removed; where they are ignored or handled, they stay so."""
+    """SIGINT raises KeyboardInterrupt, SIGTERM and SIGHUP :class:`Stopped`, so that scratch is removed; where they are ignored or
+    handled, they stay so."""
 
     def stop(number: int, _: object) -> None:
         raise Stopped(number)
 
+    handlers: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler, **dict.fromkeys(_ENDING, stop)}
     try:
-        handled = [number for number in _ENDING if signal.getsignal(number) == signal.SIG_DFL]
+        handled = [number for number in handlers if signal.getsignal(number) == signal.SIG_DFL]
         for number in handled:
-            signal.signal(number, stop)
+            signal.signal(number, handlers[number])
     except ValueError:  # not the main thread
         handled = []
     try:

@@ -18,15 +18,19 @@ from rlgcomp.units import EARTH_RATE_DEG_H
 logger = logging.getLogger(__name__)
 TABLE_RATE: Final = "table_rate_deg_s"
 TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
+TURNING_STEADILY_DEG_H: Final = 3600.0  # mean that no bias has: 1 deg/s
 BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
 _MUCH_OF_EARTH_RATE: Final = 0.1
 
 
 def on_turning(scaling: Scaling, columns: Sequence[str]) -> list[Message]:
     """A message where the gyro turns as no chamber lets it, and the columns of the model do not hold how the table turns."""
-    spread = scaling.y_scale_deg_h
-    known = TABLE_RATE in columns
-    return [] if known or spread < TURNING_DEG_H else [message("compensation.turning", spread_deg_h=spread)]
+    mean, spread = scaling.y_mean_deg_h, scaling.y_scale_deg_h
+    if TABLE_RATE in columns:
+        return []
+    if spread >= TURNING_DEG_H:
+        return [message("compensation.turning", spread_deg_h=spread)]
+    return [message("compensation.turning_steadily", mean_deg_h=mean)] if abs(mean) >= TURNING_STEADILY_DEG_H else []
 
 
 def on_interval(interval: Interval) -> list[Message]:
@@ -69,7 +73,8 @@ def on_errors_below_noise(
 
 def warn_of_earth_rate(mean_deg_h: float, runs: Sequence[Recording]) -> None:
     """Log a warning where the mean of the training runs, which is subtracted with the bias, may hold Earth rate."""
-    if abs(mean_deg_h) > _MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H and runs[0].metadata.kind != "turntable":
+    much = _MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H < abs(mean_deg_h) < TURNING_STEADILY_DEG_H
+    if much and runs[0].metadata.kind != "turntable":
         logger.warning(
             "the mean of the training runs is %.4g deg/h, which may hold Earth rate; it is subtracted with the bias. "
             "Use --keep-mean to keep it",

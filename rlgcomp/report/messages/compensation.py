@@ -75,6 +75,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "The gyro's means spread by {spread_deg_h:.3g} deg/h, as on a table that turns: the model learns this motion as a bias. "
         "Train on runs at rest, name the table's rate among --features (table_rate_deg_s), or state the gyro's unit."
     ),
+    "compensation.turning_steadily": (
+        "The gyro's mean is {mean_deg_h:.3g} deg/h, more than the Earth's rate and any bias: it turned on a table, or its unit is "
+        "another. The model holds for this rate alone. Train on runs at rest, or state the gyro's unit."
+    ),
     "compensation.below_noise": (
         "With runs left out the residual is {left_out_rms_deg_h:.3g} deg/h, less than the {noise_deg_h:.3g} deg/h that white noise "
         "alone leaves in the means: the runs know each other, as copies do, so this error proves nothing."
