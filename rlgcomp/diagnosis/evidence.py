@@ -34,11 +34,13 @@ from rlgcomp.diagnosis.terms import Form
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
-_KEPT: Final = 150  # projected bases of one noise
+_KEPT: Final = 500  # projected columns of one noise
 _NOISES: Final = 40  # whose factors are kept
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
 _UNSEEN: Final = 1e-9  # of its variance, in a direction that no size brings above the noise
+_LEAST: Final = 1e-12  # of a square, that a set leaves
 LOG_SIZE: Final = -math.log(len(priors.SIZES))
+Scaled = Sequence[tuple[Basis, float]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,13 +182,26 @@ class Evidence:
         """What has with columns of window means the products that the whitened data have with projected ones."""
         return self.whitened.adjoint(self.output[:, None])[:, 0]
 
-    def projected(self, basis: Basis) -> Array:
-        """Columns of a basis, whitened and projected off the baseline."""
-        if basis not in self._projected:
-            if len(self._projected) >= _KEPT:
-                self._projected.clear()
-            self._projected[basis] = self.whitened.project(self.bank.reduced(basis))
-        return self._projected[basis]
+    def projected(self, bases: Iterable[Basis]) -> list[Array]:
+        """Columns of bases, whitened and projected off the baseline; those that were last asked for are kept."""
+        listed = list(bases)
+        found = {basis: self._projected.pop(basis) for basis in dict.fromkeys(listed) if basis in self._projected}
+        lacking = [basis for basis in dict.fromkeys(listed) if basis not in found]
+        if lacking:
+            tables = [self.bank.reduced(basis) for basis in lacking]
+            white = self.whitened.project(np.hstack(tables))
+            edges = np.cumsum([0, *(table.shape[1] for table in tables)])
+            found |= {one: white[:, a:b].copy() for one, a, b in zip(lacking, edges[:-1], edges[1:], strict=True)}
+        self._projected |= found
+        total = sum(one.shape[1] for one in self._projected.values())
+        while total > _KEPT and len(self._projected) > len(found):
+            total -= self._projected.pop(next(iter(self._projected))).shape[1]
+        return [found[basis] for basis in listed]
+
+    def columns(self, parts: Scaled) -> Array:
+        """Columns of bases side by side, each times its scale, shape (n, m)."""
+        tables = self.projected(basis for basis, _ in parts)
+        return np.hstack([np.empty((len(self.output), 0)), *(scale * one for (_, scale), one in zip(parts, tables, strict=True))])
 
     def prediction(self, members: Set) -> tuple[Prediction, Conditional] | None:
         """The baseline and a set fitted under this noise, late terms left out, and the evidence; None without a baseline."""
@@ -221,7 +236,7 @@ class Evidence:
         """Columns of a member with weights of unit variance, shape (n, m)."""
         scaled = self.bank.scaled(member.form)
         assert scaled is not None  # noqa: S101  (only forms with a scale become members)
-        return np.hstack([member.size * scale * self.projected(basis) for basis, scale in scaled])
+        return self.columns([(basis, member.size * scale) for basis, scale in scaled])
 
     def all_columns(self, members: Set) -> Array:
         """Columns of a set as its bases have them, shape (n, r)."""
@@ -231,7 +246,7 @@ class Evidence:
 
     def table(self, members: Set) -> Array:
         """Columns of a set, shape (n, r)."""
-        return np.hstack([np.empty((len(self.output), 0)), *(self.block(member) for member in members)])
+        return self.columns([(basis, m.size * scale) for m in members for basis, scale in self.bank.scaled(m.form) or ()])
 
     def log_evidence(self, members: Set) -> float:
         """Of a set under this noise; priors of the set and of the noise are not in it, but that some weights are positive is."""
@@ -247,11 +262,34 @@ class Evidence:
         return Conditional(self, self.table(members))
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shared:
+    """Bases that forms share, along their principal directions beside a set.
+
+    Parameters
+    ----------
+    parts : frozenset of (Basis, float)
+        With their scales.
+    values : ndarray, shape (k,)
+        Squares of the directions.
+    along : ndarray, shape (k,)
+        Their products with the data.
+    columns : ndarray, shape (n, k)
+        What has their products with whitened columns.
+    """
+
+    parts: frozenset[tuple[Basis, float]]
+    values: Array
+    along: Array
+    columns: Array
+
+
 class Conditional:
     """The evidence with a set in the model: M = L Lᵀ, and what the set leaves of data and columns."""
 
     def __init__(self, evidence: Evidence, table: Array) -> None:
         self.evidence, self.table = evidence, table
+        self.shared: list[Shared] = []  # of forms that were asked for
         output = evidence.output
         self.root = np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table)
         self._half = np.linalg.inv(self.root) if table.shape[1] else np.empty((0, 0))
@@ -289,6 +327,22 @@ class Conditional:
         """L⁻¹ AᵀB with columns B of window means, shape (r, k)."""
         return np.asarray(self._half @ (self._adjoint.T @ columns))
 
+    def reduced_by(self, columns: Array) -> Array:
+        """L⁻¹ AᵀB with whitened columns B, shape (r, k)."""
+        return np.asarray(self._half @ (self.table.T @ columns))
+
+    def off(self, columns: Array) -> Array:
+        """Whitened columns less what the set takes of them."""
+        return np.asarray(columns - self.table @ (self._half.T @ self.reduced_by(columns)))
+
+    def turned(self, parts: Scaled) -> Shared:
+        """Bases along their principal directions beside the set."""
+        columns = self.evidence.columns(parts)
+        beside = self.off(columns)
+        values, turns = np.linalg.eigh(columns.T @ beside)
+        along = beside @ turns
+        return Shared(frozenset(parts), np.maximum(values, 0.0), along.T @ self.evidence.output, along)
+
     def residual(self) -> Array:
         """Whitened data less the posterior mean of the set."""
         return np.asarray(self.evidence.output - self.table @ self.weights)
@@ -300,7 +354,7 @@ class Conditional:
 
     def products(self, columns: Array) -> tuple[Array, Array]:
         """Of projected columns with one another and with the data, beside the set; shapes (m, m) and (m,)."""
-        cross = self._half @ (self.table.T @ columns)
+        cross = self.reduced_by(columns)
         return columns.T @ columns - cross.T @ cross, columns.T @ self.evidence.output - cross.T @ self.weights_half
 
     def of_sizes(self, gram: Array, vector: Array) -> Array:
@@ -313,17 +367,77 @@ class Conditional:
         vector : ndarray, shape (forms, m)
             Products with the data beside the set.
         """
-        values, vectors = np.linalg.eigh(gram)
-        values = np.maximum(values, 0.0)
-        along = np.einsum("fij,fi->fj", vectors, vector) ** 2
-        squared = priors.SIZES**2
-        grown = 1.0 + squared[:, None] * values[:, None, :]  # (forms, sizes, m)
-        fallen = np.sum(squared[:, None] * along[:, None, :] / grown, axis=2)
-        return self.of_changes(np.sum(np.log(grown), axis=2), fallen)
+        none = np.zeros(0)
+        return self.beside_shared(none, none, np.zeros((0, *vector.shape)), gram, vector)
+
+    def beside_shared(self, values: Array, along: Array, both: Array, own: Array, v_own: Array) -> Array:
+        """Log evidence with further forms that share columns, of each size, shape (forms, sizes); all products are beside the set.
+
+        Parameters
+        ----------
+        values, along : ndarray, shape (k,)
+            Squares of the shared columns along their principal directions, and products of these with the data.
+        both : ndarray, shape (k, forms, l)
+            Products of the directions with the own columns of each form.
+        own : ndarray, shape (forms, l, l)
+        v_own : ndarray, shape (forms, l)
+            Products with the data.
+        """
+        squares = priors.SIZES**2
+        count, width = v_own.shape
+        grown = 1.0 + squares[:, None] * values  # (sizes, k)
+        share = squares[:, None] / grown
+        products = (both[:, :, :, None] * both[:, :, None, :]).reshape(len(values), count * width**2)
+        rest = (own - (share @ products).reshape(-1, count, width, width)) * squares[:, None, None, None]
+        left = v_own - ((share * along) @ both.reshape(len(values), count * width)).reshape(-1, count, width)
+        square = np.maximum(self.square - share @ along**2, _LEAST * self.square)
+        log_dets, left_over = _completed(rest, priors.SIZES[:, None, None] * left, square[:, None])
+        log_dets += self.log_det + np.sum(np.log(grown), axis=1)[:, None]
+        return np.asarray(self.of(log_dets, np.maximum(left_over, _LEAST * self.square))).T
 
     def of_changes(self, log_det: Array, fallen: Array) -> Array:
         """Log evidence where a determinant has grown and the square has fallen by so much."""
-        return np.asarray(self.of(self.log_det + log_det, np.maximum(self.square - fallen, 1e-12 * self.square)))
+        return np.asarray(self.of(self.log_det + log_det, np.maximum(self.square - fallen, _LEAST * self.square)))
+
+
+def _completed(gram: Array, vector: Array, square: Array) -> tuple[Array, Array]:
+    """Log determinants of I + G, and what squares q fall to, q - vᵀ (I + G)⁻¹ v: by one Cholesky factor of both.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (..., m, m)
+    vector : ndarray, shape (..., m)
+    square : ndarray, shape (...)
+    """
+    width = vector.shape[-1]
+    if width == 1:
+        grown = np.maximum(1.0 + gram[..., 0, 0], 1.0)
+        return np.log(grown), square - vector[..., 0] ** 2 / grown
+    both = np.empty((*vector.shape[:-1], width + 1, width + 1))
+    both[..., :width, :width] = gram
+    both[..., range(width), range(width)] += 1.0
+    both[..., width, :width] = vector
+    both[..., width, width] = square
+    try:
+        pivots = np.diagonal(np.linalg.cholesky(both), axis1=-2, axis2=-1)
+    except np.linalg.LinAlgError:
+        roots = cholesky_roots(both[..., :width, :width])
+        half = np.linalg.solve(roots, vector[..., None])[..., 0]
+        log_det = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)), axis=-1)
+        return log_det, square - np.sum(half**2, axis=-1)
+    return 2.0 * np.sum(np.log(pivots[..., :width]), axis=-1), pivots[..., width] ** 2
+
+
+def cholesky_roots(schur: Array) -> Array:
+    """Cholesky factors of matrices that are at least one, of which rounding may have taken a little."""
+    if schur.shape[-1] == 1:
+        return np.asarray(np.sqrt(np.maximum(schur, 1.0)))
+    try:
+        return np.asarray(np.linalg.cholesky(schur))
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(schur)
+        safe = np.matmul(vectors * np.maximum(values, 1.0)[..., None, :], np.swapaxes(vectors, -1, -2))
+        return np.asarray(np.linalg.cholesky(safe))
 
 
 def _reduced(columns: Array) -> Array:

@@ -14,8 +14,9 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.evidence import Bank, Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.hypotheses import Hypotheses
 from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.screen import Layout, Screen, gains
+from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.variants import gains
 
 _MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
 _SCREENS: Final = 16  # of all forms under a noise, that are kept

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Member
-from rlgcomp.diagnosis.screen import cholesky_roots
+from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Member, cholesky_roots
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]

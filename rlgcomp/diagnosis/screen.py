@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -258,55 +258,6 @@ def _panel_gains(given: Conditional, panel: Panel, products: Products, cross: Ar
     if not len(panel.shared):
         return given.of_sizes(own, v_own)
     both = products.both - np.tensordot(of_shared, of_own, (0, 1))
-    return _of_sizes(given, products.shared - of_shared.T @ of_shared, both, own, v_shared, v_own)
-
-
-def _of_sizes(given: Conditional, shared: Array, both: Array, own: Array, v_shared: Array, v_own: Array) -> Array:
-    """Log evidence with forms that share columns, of each size, shape (forms, sizes); all products are beside the set.
-
-    Parameters
-    ----------
-    given : Conditional
-    shared, both, own : ndarray, shapes (k, k), (k, f, l), (f, l, l)
-    v_shared, v_own : ndarray, shapes (k,), (f, l)
-        Products with the data.
-    """
-    values, vectors = np.linalg.eigh(shared)
-    values = np.maximum(values, 0.0)
-    k, f, width = both.shape
-    turned = (vectors.T @ both.reshape(k, -1)).reshape(k, f, width)
-    along = vectors.T @ v_shared
-    squares = priors.SIZES**2
-    grown = 1.0 + squares[:, None] * values  # (sizes, k)
-    share = squares[:, None] / grown
-    products = (turned[:, :, :, None] * turned[:, :, None, :]).reshape(k, -1)
-    schur = np.eye(width) + squares[:, None, None, None] * (own - (share @ products).reshape(-1, f, width, width))
-    left = v_own - ((share * along) @ turned.reshape(k, -1)).reshape(-1, f, width)
-    roots = cholesky_roots(schur)
-    half = np.linalg.solve(roots, (priors.SIZES[:, None, None] * left)[..., None])[..., 0]
-    log_dets = np.sum(np.log(grown), axis=1)[:, None] + 2.0 * np.sum(np.log(np.diagonal(roots, axis1=2, axis2=3)), axis=2)
-    falls = (share @ along**2)[:, None] + np.sum(half**2, axis=2)
-    return given.of_changes(log_dets.T, falls.T)
-
-
-def cholesky_roots(schur: Array) -> Array:
-    """Cholesky factors of matrices that are at least one, of which rounding may have taken a little."""
-    if schur.shape[-1] == 1:
-        return np.asarray(np.sqrt(np.maximum(schur, 1.0)))
-    try:
-        return np.asarray(np.linalg.cholesky(schur))
-    except np.linalg.LinAlgError:
-        values, vectors = np.linalg.eigh(schur)
-        safe = np.matmul(vectors * np.maximum(values, 1.0)[..., None, :], np.swapaxes(vectors, -1, -2))
-        return np.asarray(np.linalg.cholesky(safe))
-
-
-def gains(given: Conditional, forms: Iterable[Form]) -> tuple[tuple[Form, ...], Array]:
-    """Those of some forms that have a scale, and the log evidence with each of each size, shape (forms, sizes)."""
-    bank = given.evidence.bank
-    listed = list(forms)
-    bank.prepare(listed)
-    possible = tuple(form for form in listed if bank.scaled(form) is not None)
-    if not possible:
-        return (), np.empty((0, len(priors.SIZES)))
-    return possible, Screen(given.evidence, Layout(bank, possible)).gains(given)
+    values, turns = np.linalg.eigh(products.shared - of_shared.T @ of_shared)
+    turned = (turns.T @ both.reshape(len(values), -1)).reshape(both.shape)
+    return given.beside_shared(np.maximum(values, 0.0), turns.T @ v_shared, turned, own, v_own)

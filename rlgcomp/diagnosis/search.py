@@ -19,10 +19,11 @@ from rlgcomp.diagnosis.lateness import LATE, Prediction, late_bases, late_form, 
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.pairs import likeliest_pairs
-from rlgcomp.diagnosis.screen import Layout, gains
+from rlgcomp.diagnosis.screen import Layout
 from rlgcomp.diagnosis.selections import selections
 from rlgcomp.diagnosis.telegraph import Telegraph, telegraph
 from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.variants import gains
 
 Array = npt.NDArray[np.float64]
 Latent = Literal["", "wander", "telegraph"]
