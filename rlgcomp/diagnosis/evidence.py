@@ -290,12 +290,14 @@ class Conditional:
     def __init__(self, evidence: Evidence, table: Array) -> None:
         self.evidence, self.table = evidence, table
         self.shared: list[Shared] = []  # of forms that were asked for
-        output = evidence.output
         self.root = np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table)
-        self._half = np.linalg.inv(self.root) if table.shape[1] else np.empty((0, 0))
-        self.weights_half = self._half @ (table.T @ output)
+        self.weights_half = _solved(self.root, table.T @ evidence.output)
         self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.root))))
         self.square = max(evidence.whitened.square - float(self.weights_half @ self.weights_half), 1e-300)
+
+    @functools.cached_property
+    def _half(self) -> Array:
+        return _solved(self.root, np.eye(len(self.root)))
 
     @property
     def log_evidence(self) -> float:
@@ -398,6 +400,13 @@ class Conditional:
     def of_changes(self, log_det: Array, fallen: Array) -> Array:
         """Log evidence where a determinant has grown and the square has fallen by so much."""
         return np.asarray(self.of(self.log_det + log_det, np.maximum(self.square - fallen, _LEAST * self.square)))
+
+
+def _solved(root: Array, right: Array) -> Array:
+    """L⁻¹ of a right side."""
+    from scipy.linalg import solve_triangular
+
+    return np.asarray(solve_triangular(root, right, lower=True, check_finite=False)) if len(root) else right
 
 
 def _completed(gram: Array, vector: Array, square: Array) -> tuple[Array, Array]:

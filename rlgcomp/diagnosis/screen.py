@@ -66,6 +66,16 @@ class Section:
     panels: tuple[Panel, ...]
     forms: IntArray
 
+    def cross(self, given: Conditional, panels: Sequence[Panel]) -> Array:
+        """L⁻¹ AᵀB of a set with the columns of some panels, shape (r, C); zero of other columns."""
+        used = np.zeros(self.table.shape[1], np.bool_)
+        for panel in panels:
+            used[panel.own] = True
+            used[panel.shared] = True
+        found = np.zeros((len(given.weights_half), len(used)))
+        found[:, used] = given.cross(self.table if used.all() else self.table[:, used])
+        return found
+
     @classmethod
     def of(cls, bank: Bank, forms: Sequence[Form], numbers: Sequence[int]) -> Self:
         """The section of some forms of those numbers; each has a scale."""
@@ -207,14 +217,17 @@ class Screen:
 
     def _fill(self, found: Array, given: Conditional, number: int, wanted: npt.NDArray[np.bool_] | None) -> None:
         section, grams = self.layout.sections[number], self.products(number)
-        cross = given.cross(section.table)
-        vector = grams.vector - cross.T @ given.weights_half
+        chosen = []
         for panel, products in zip(section.panels, grams.panels, strict=True):
             kept = np.ones(len(panel.forms), np.bool_) if wanted is None else wanted[panel.forms]
             if kept.all():
-                found[panel.forms] = _panel_gains(given, panel, products, cross, vector)
+                chosen.append((panel, products))
             elif kept.any():
-                found[panel.forms[kept]] = _panel_gains(given, panel.only(kept), products.only(kept), cross, vector)
+                chosen.append((panel.only(kept), products.only(kept)))
+        cross = section.cross(given, [panel for panel, _ in chosen])
+        vector = grams.vector - cross.T @ given.weights_half
+        for panel, products in chosen:
+            found[panel.forms] = _panel_gains(given, panel, products, cross, vector)
 
     def products(self, number: int) -> _Grams:
         """Of the section of a number."""
