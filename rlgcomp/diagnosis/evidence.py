@@ -290,7 +290,7 @@ class Conditional:
     def __init__(self, evidence: Evidence, table: Array) -> None:
         self.evidence, self.table = evidence, table
         self.shared: list[Shared] = []  # of forms that were asked for
-        self.root = np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table)
+        self.root: Array = np.asarray(np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table), dtype=np.float64)
         self.weights_half = _solved(self.root, table.T @ evidence.output)
         self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.root))))
         self.square = max(evidence.whitened.square - float(self.weights_half @ self.weights_half), 1e-300)
