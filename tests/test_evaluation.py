@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rlgcomp as rlg
 from rlgcomp.cli.show import show_evaluation
+from rlgcomp.compensation.selection import Selection, select
+from rlgcomp.evaluation import comparison
 from rlgcomp.evaluation.comparison import correlation_table
 from rlgcomp.evaluation.evaluation import improvement
 from rlgcomp.evaluation.page import render
@@ -63,6 +67,27 @@ def test_each_group_is_judged_in_the_company_of_the_others(evaluation: rlg.Evalu
     assert (table["factor"] * table["residual_std_deg_h"]).to_numpy() == pytest.approx(
         np.full(len(table), evaluation.raw_std_deg_h)
     )
+
+
+def test_the_own_model_is_the_one_that_would_be_selected_anew(
+    trained: rlg.Compensator, short_runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Its selection is not repeated, of a model that was saved neither."""
+    trained.save(tmp_path / "model")
+    calls = []
+
+    def counted(*arguments: Any, **options: Any) -> Selection:
+        calls.append(arguments[0].name)
+        return select(*arguments, **options)
+
+    monkeypatch.setattr(comparison, "select", counted)
+    own = [rlg.evaluate(one, short_runs[2:]).comparison for one in (trained, rlg.load(tmp_path / "model"))]
+    count = len(calls)
+    monkeypatch.setattr(comparison, "_is_own", lambda *_: False)
+    anew = rlg.evaluate(trained, short_runs[2:]).comparison
+    assert (count, len(calls)) == (2 * (len(anew) - 1), count + len(anew))
+    for one in own:
+        pd.testing.assert_frame_equal(one, anew, check_exact=True)
 
 
 def test_several_runs_are_pooled_by_variance(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:

@@ -167,8 +167,9 @@ def evaluate(
         for outliers in monitor_outliers(run):
             if outliers.column in compensator.pipeline_.columns:
                 remarks.append(outliers.message("followed", run.name))
-    results, traces = zip(*(_evaluate_run(compensator, run, offset_s) for run in runs), strict=True)
     held_out = [window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs]
+    pairs = zip(runs, held_out, strict=True)
+    results, traces = zip(*(_evaluate_run(compensator, run, own, offset_s) for run, own in pairs), strict=True)
     return Evaluation(
         averaging_s=compensator.averaging_s,
         runs=results,
@@ -188,7 +189,7 @@ def _out_of_range_inputs(compensator: Compensator, run: Recording) -> tuple[str,
     return tuple(str(names[k]) for k in np.argsort(-share, kind="stable") if share[k] > 0.0)
 
 
-def _evaluate_run(compensator: Compensator, run: Recording, offset_s: float | None) -> tuple[RunResult, Trace]:
+def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, offset_s: float | None) -> tuple[RunResult, Trace]:
     predicted = compensator.predict(run, offset_s=offset_s)
     averaged = run.averaged(compensator.averaging_s, extra=predicted.astype(np.float64))
     raw = averaged.column(rate_name(run.gyro_column(compensator.gyro)))
@@ -198,7 +199,6 @@ def _evaluate_run(compensator: Compensator, run: Recording, offset_s: float | No
     rate = run.rate_deg_h(compensator.gyro)
     allan_raw = allan_deviation(rate[samples], run.time_s[samples])
     allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
-    own = window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro)
     noise = own.noise_deg_h
     pulse_arcsec = run.metadata.pulse_arcsec if run.gyro_column(compensator.gyro).endswith("_pulses") else None
     allan_floor = allan_residual.noise_of_means_deg_h(compensator.averaging_s, pulse_arcsec)
