@@ -83,7 +83,7 @@ def test_the_own_model_is_the_one_that_would_be_selected_anew(
     monkeypatch.setattr(comparison, "select", counted)
     own = [rlg.evaluate(one, short_runs[2:]).comparison for one in (trained, rlg.load(tmp_path / "model"))]
     count = len(calls)
-    monkeypatch.setattr(comparison, "_is_own", lambda *_: False)
+    monkeypatch.setattr(comparison, "is_own_model", lambda *_: False)
     anew = rlg.evaluate(trained, short_runs[2:]).comparison
     assert (count, len(calls)) == (2 * (len(anew) - 1), count + len(anew))
     for one in own:

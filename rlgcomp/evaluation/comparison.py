@@ -88,14 +88,14 @@ def _fitted(compensator: Compensator, specification: ModelSpecification, places:
         model.set_params(linear=tuple(k for k, place in enumerate(places) if place in compensator.pipeline_.dynamic))
     if len(compensator.training_) == 1 and model.get_params().get("run_variance", 0.0) is None:
         model.set_params(run_variance=0.0)  # blocks of one run have one bias
-    if _is_own(compensator, specification, model, places):
+    if is_own_model(compensator, specification, model, places):
         return compensator.model_
     best = select(specification, model, X[:, places], y, groups, n_jobs=n_jobs).best
     model = clone(model).set_params(**best)
     return model.fit(X[:, places], y, **grouping(model, compensator.run_labels()))
 
 
-def _is_own(compensator: Compensator, specification: ModelSpecification, model: Any, places: list[int]) -> bool:
+def is_own_model(compensator: Compensator, specification: ModelSpecification, model: Any, places: list[int]) -> bool:
     """Whether the compensation's own model is the one that would be selected and fitted: same kind, options, inputs and rows."""
     every = list(range(len(compensator.pipeline_.names)))
     if specification is not compensator.specification_ or places != every or len(compensator.selection_.table) < 2:
