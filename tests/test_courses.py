@@ -86,3 +86,18 @@ def test_reversed_readings_have_the_course_reversed() -> None:
     read = integrated_walk(400, 1e-4, rng) + 0.3 * rng.standard_normal(400)
     one, other = Course.of_noisy(read, 0.09), Course.of_noisy(read[::-1].copy(), 0.09)
     np.testing.assert_allclose(other.values[::-1][20:-20], one.values[20:-20], atol=0.02)
+
+
+def test_covariances_are_those_of_dense_algebra() -> None:
+    rng = np.random.default_rng(6)
+    read = integrated_walk(60, 1e-3, rng) + 0.2 * rng.standard_normal(60)
+    course = Course.of_noisy(read, 0.04)
+    prior = covariance(60, course.intensity, float(np.max(np.diff(read) ** 2)) + 0.04)
+    posterior = prior - prior @ np.linalg.solve(prior + 0.04 * np.eye(60), prior)
+    groups = np.repeat(np.arange(12), 5)
+    means = (groups[:, None] == np.arange(10)).astype(np.float64) / 5.0  # the last two groups are left out
+    of_values, of_rates = course.covariances(groups, 10)
+    np.testing.assert_allclose(of_values, means.T @ posterior @ means, atol=2e-3 * np.max(posterior))
+    difference = np.eye(60, k=1)[:-1] - np.eye(60)[:-1]  # the change between two readings is nearly the rate between them
+    over = (groups[:-1, None] == np.arange(2, 8)).astype(np.float64) / 5.0
+    np.testing.assert_allclose(np.diag(of_rates)[2:8], np.diag(over.T @ difference @ posterior @ difference.T @ over), rtol=0.3)

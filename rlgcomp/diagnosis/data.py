@@ -246,6 +246,11 @@ class Run:
         recorded_s = self._recorded_s[: self.bins]
         return len(recorded_s) == self.bins and np.allclose(recorded_s, self.elapsed_s, atol=0.1 * self.grid.bin_s)
 
+    @property
+    def window_of_recorded(self) -> IntArray:
+        """The window of each recorded bin, shape (recorded bins,)."""
+        return np.asarray(self._recorded_s / self.grid.window_s, dtype=np.intp)
+
     def on_bins_of_rows(self, values: Array) -> Array:
         """Means over bins of values at the recording's rows, shape (rows,); interpolated to all bins of the run."""
         since = self.recording.time_s - self.recording.time_s[0] + 0.5 * self.recording.period_s

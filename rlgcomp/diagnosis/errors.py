@@ -150,6 +150,10 @@ def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Arra
         return np.zeros((len(width), len(width)))
     signs, above, below = _moved(run, column, size)
     slope = (predicted(above) - predicted(below)) * signs / (2.0 * size)
+    covariances = _covariances(run, column)
+    if covariances is not None:
+        together = run.means(slope)
+        return np.asarray(np.outer(together, together) * covariances[0])
     together = np.minimum(1.0, np.maximum(1.0, 2.0 * math.sqrt(math.pi) * width) / run.grid.bins)
     scale = np.sqrt(run.means(slope**2 * variance) * together) * np.where(run.means(slope) < 0.0, -1.0, 1.0)
     rounding = run.means(slope * np.sqrt(run.on_bins(readings.rounding)))
@@ -217,18 +221,29 @@ def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
     for lag in range(min(len(by_lag), len(kernel) // run.grid.bins + 1)):
         shift = lag * run.grid.bins
         by_lag[lag] = float(kernel[shift:] @ kernel[: len(kernel) - shift])
-    variance = np.zeros(len(slope))
+    variance, of_courses = np.zeros(len(slope)), np.zeros((len(slope), len(slope)))
     for readings, column in zip(all_readings, rate.driver.columns, strict=True):
-        if readings.slope is not None:
-            of_slope = run.means(run.on_bins(readings.slope)) / (run.grid.bin_s / 60.0) ** 2
-            variance += of_slope / by_lag[0] / (rate.driver.half * rate.half) ** 2
+        covariances = _covariances(run, column)
+        if covariances is not None:
+            scale = slope / (run.grid.bin_s / 60.0) / (rate.driver.half * rate.half)
+            of_courses += np.outer(scale, scale) * covariances[1]
             continue
         path = run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))])
         way = np.gradient(path) if len(path) > 1 else np.zeros_like(path)
         moving = 1.0 - np.exp(-way / (_CORRELATED * readings.step)) if readings.step else 0.0
         variance += (readings.noise + float(readings.rounding.mean()) * moving) / (rate.driver.half * rate.half) ** 2
     scale = slope * np.sqrt(variance)
-    return np.asarray(np.outer(scale, scale) * by_lag[np.abs(np.subtract.outer(run.windows, run.windows))])
+    return np.asarray(of_courses + np.outer(scale, scale) * by_lag[np.abs(np.subtract.outer(run.windows, run.windows))])
+
+
+def _covariances(run: Run, column: str) -> tuple[Array, Array] | None:
+    """Of the errors of a course and of its rate over one bin, in the counted windows; None where the column has no posterior."""
+    kept: dict[object, Any] = run.derived
+    key = ("covariances", column)
+    if key not in kept:
+        found = run.readings[column].covariances(run.window_of_recorded, len(run.full))
+        kept[key] = None if found is None else tuple(one[np.ix_(run.full, run.full)] for one in found)
+    return kept[key]
 
 
 def _within(one: object) -> Iterator[Any]:

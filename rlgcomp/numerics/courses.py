@@ -36,6 +36,7 @@ _ROUGH: Final = 1.0 / 64.0  # of the intensity at which the course follows each 
 _SMOOTHEST: Final = 1e-16  # least intensity over the square of a step or of the noise
 _ROUGHEST: Final = 1e8
 _KNOWN: Final = 1e-8  # least precision of a reading over that of a step
+_FORGOTTEN: Final = 1e-6  # square of a correlation, below which errors are independent
 _FAR: Final = 25.0  # standard deviations, from which on the tail is its asymptote
 _LOG_2_PI: Final = math.log(2.0 * math.pi)
 _SURE: Final = 1e-9  # share of the posterior's precision that other readings have, below which a reading stays as it is
@@ -49,8 +50,10 @@ class Course:
     ----------
     values, variances : ndarray, shape (n,)
         Mean and variance of the posterior at each reading.
-    rate_variances : ndarray, shape (n,)
-        Variance of the rate, from one reading to the next.
+    gains : ndarray, shape (n, 4)
+        Of the smoother: covariance of value and rate at a reading with those at the next, over the variance of these; by rows.
+    moments : ndarray, shape (n, 3)
+        Variance of the value, its covariance with the rate, and variance of the rate; a rate is the change from reading to reading.
     noise : float
         Variance of the white noise that tells as much of the course as the readings do.
     log_evidence : float
@@ -61,7 +64,8 @@ class Course:
 
     values: Array
     variances: Array
-    rate_variances: Array
+    gains: Array
+    moments: Array
     noise: float
     log_evidence: float
     intensity: float
@@ -95,6 +99,23 @@ class Course:
             other = cls._climbed(dataclasses.replace(first, noise=(share * step) ** 2), best.intensity)
             best = max(best, other, key=lambda course: course.log_evidence)
         return best
+
+    def covariances(self, groups: npt.NDArray[np.intp], count: int) -> tuple[Array, Array]:
+        r"""Covariances of the errors of means over groups of readings, of the value and of the rate, shape (count, count) each.
+
+        The error is a Markov process, so :math:`C_{ij} = G_i G_{i+1} \cdots G_{j-1} C_{jj}` for i < j.
+
+        Parameters
+        ----------
+        groups : ndarray of int, shape (n,)
+            Of each reading, in ascending order; readings beyond the last group are left out.
+        count : int
+        """
+        of_values, of_rates = np.zeros((count, count)), np.zeros((count, count))
+        _sum_covariances(self.gains, self.moments, groups, of_values, of_rates)
+        sizes = np.maximum(np.bincount(groups[groups < count], minlength=count), 1).astype(np.float64)
+        pairs = np.outer(sizes, sizes)
+        return of_values / pairs, of_rates / pairs
 
     @classmethod
     def _climbed(cls, readings: _Readings, intensity: float) -> Self:
@@ -139,19 +160,19 @@ class _Readings:
         """An intensity that is rather too large."""
         return _ROUGH * max(float(np.mean(np.diff(self.values, 2) ** 2)), self.scale)
 
-    def posterior(self, intensity: float) -> tuple[Array, Array, Array, float, float]:
-        """Means, variances, those of the rate, equivalent noise and log evidence; the normal readings stay as they came out."""
+    def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, float, float]:
+        """Means, variances, gains, moments, equivalent noise and log evidence; the normal readings stay as they came out."""
         n = len(self.values)
-        means, variances, of_rate, forward = np.empty(n), np.empty(n), np.empty(n), np.empty((n, 10))
+        means, gains, moments, forward = np.empty(n), np.zeros((n, 4)), np.empty((n, 3)), np.empty((n, 10))
         spread = float(np.max(np.diff(self.values) ** 2)) + self.scale  # of the first value, and of the first rate
         rounds = _ROUNDS if self.step else 1
         log_evidence = 0.0
         for _ in range(rounds):
             log_evidence = _filter(self.shifts, self.precisions, intensity, self.values[0], spread, forward)
             log_evidence += _smooth(
-                self.values, self.step, self.noise, self.shifts, self.precisions, forward, means, variances, of_rate
+                self.values, self.step, self.noise, self.shifts, self.precisions, forward, means, gains, moments
             )
-        return means, variances, of_rate, float(n / np.sum(self.precisions)), log_evidence
+        return means, moments[:, 0], gains, moments, float(n / np.sum(self.precisions)), log_evidence
 
 
 @compiled()
@@ -189,8 +210,8 @@ def _smooth(
     precisions: Array,
     forward: Array,
     means: Array,
-    variances: Array,
-    of_rate: Array,
+    gains: Array,
+    moments: Array,
 ) -> float:
     """Rauch-Tung-Striebel smoother, and each normal reading made again beside all others; returns what joins the log evidence."""
     n = len(values)
@@ -206,6 +227,7 @@ def _smooth(
             c, d = of_vr + of_rr, of_rr
             g_vv, g_vr = (a * p_rr - b * p_vr) / determinant, (b * p_vv - a * p_vr) / determinant
             g_rv, g_rr = (c * p_rr - d * p_vr) / determinant, (d * p_vv - c * p_vr) / determinant
+            gains[k, 0], gains[k, 1], gains[k, 2], gains[k, 3] = g_vv, g_vr, g_rv, g_rr
             off_v, off_r = value - forward[k + 1, 0], rate - forward[k + 1, 1]
             d_vv, d_vr, d_rr = vv - p_vv, vr - p_vr, rr - p_rr
             value = of_v + g_vv * off_v + g_vr * off_r
@@ -214,10 +236,34 @@ def _smooth(
             vr = of_vr + g_rv * (g_vv * d_vv + g_vr * d_vr) + g_rr * (g_vv * d_vr + g_vr * d_rr)
             rr = of_rr + g_rv * (g_rv * d_vv + g_rr * d_vr) + g_rr * (g_rv * d_vr + g_rr * d_rr)
         vv, rr = max(vv, 1e-300), max(rr, 1e-300)
-        means[k], variances[k], of_rate[k] = value, vv, rr
+        means[k] = value
+        moments[k, 0], moments[k, 1], moments[k, 2] = vv, vr, rr
         if step > 0.0:
             evidence += _replace(k, values[k], step, noise, value, vv, shifts, precisions)
     return evidence
+
+
+@compiled()
+def _sum_covariances(gains: Array, moments: Array, groups: npt.NDArray[np.intp], of_values: Array, of_rates: Array) -> None:
+    count = len(of_values)
+    for j in range(len(groups)):
+        b = groups[j]
+        if b >= count:
+            continue
+        vv, vr, rv, rr = moments[j, 0], moments[j, 1], moments[j, 1], moments[j, 2]
+        of_values[b, b] += vv
+        of_rates[b, b] += rr
+        for back in range(1, j + 1):
+            i = j - back
+            a = groups[i]
+            g_vv, g_vr, g_rv, g_rr = gains[i, 0], gains[i, 1], gains[i, 2], gains[i, 3]
+            vv, vr, rv, rr = g_vv * vv + g_vr * rv, g_vv * vr + g_vr * rr, g_rv * vv + g_rr * rv, g_rv * vr + g_rr * rr
+            if vv * vv < _FORGOTTEN * moments[j, 0] * moments[i, 0] and rr * rr < _FORGOTTEN * moments[j, 2] * moments[i, 2]:
+                break
+            of_values[a, b] += vv
+            of_values[b, a] += vv
+            of_rates[a, b] += rr
+            of_rates[b, a] += rr
 
 
 def _replace(

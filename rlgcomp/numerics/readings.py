@@ -24,6 +24,7 @@ import numpy.typing as npt
 from rlgcomp.numerics.courses import Course
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
 _LAGS: Final = 6  # samples at which differences are taken
 _LEAST: Final = 20  # differences, at least
 _MOST: Final = 200_000  # samples from which noise is estimated
@@ -53,8 +54,9 @@ class Readings:
         To which readings are rounded; 0 where they are not.
     rounding : ndarray, shape (bins,)
         Variance of what rounding leaves.
-    slope : ndarray, shape (bins,), optional
-        Variance of the course's change from one bin to the next; None where its noise and its width tell.
+    course : Course, optional
+        The posterior that the values are the means of, at so many readings of each bin.
+    each : int
     """
 
     values: Array
@@ -63,7 +65,8 @@ class Readings:
     noise: float
     step: float
     rounding: Array
-    slope: Array | None = None
+    course: Course | None = None
+    each: int = 1
 
     @classmethod
     def of(cls, full: Array, binned: Array, *, diffuses: bool = False) -> Self:
@@ -89,25 +92,34 @@ class Readings:
             chosen = full[: rows * bins].reshape(bins, rows)[:, ((np.arange(each) + 0.5) * rows / each).astype(np.intp)]
             course = Course.of_rounded(chosen.ravel(), step)
             if np.isfinite(course.log_evidence):
-                return cls._behind(course, each, step)
+                return cls._behind(course, each)
         of_bin = noise * bins / len(full)
         if diffuses and of_bin > 0.0 and not hidden:
             course = Course.of_noisy(binned, of_bin)
             if np.isfinite(course.log_evidence) and np.max(np.abs(binned - course.values)) < _JUMP * math.sqrt(of_bin):
-                return cls._behind(course, 1, 0.0)
+                return cls._behind(course, 1)
         return cls(*smoothed(binned, of_bin), of_bin, step, np.full(bins, step**2 / 12.0))
 
     @classmethod
-    def _behind(cls, course: Course, each: int, step: float) -> Self:
+    def _behind(cls, course: Course, each: int) -> Self:
         """From a course at so many readings of each bin."""
-        values, variance, slope = (
-            one.reshape(-1, each).mean(axis=1) for one in (course.values, course.variances, course.rate_variances * each**2)
-        )
+        values, variance = (one.reshape(-1, each).mean(axis=1) for one in (course.values, course.variances))
         nothing = np.zeros(len(values))
-        if step:
-            return cls(values, nothing, nothing, 0.0, step, variance, slope)
-        noise = course.noise / each
-        return cls(values, variance, noise / (2.0 * math.sqrt(math.pi) * variance), noise, 0.0, nothing, slope)
+        return cls(values, variance, nothing, 0.0, 0.0, nothing, course, each)
+
+    def covariances(self, window: IntArray, count: int) -> tuple[Array, Array] | None:
+        """Covariances over windows of the errors of a course and of its rate over one bin; None where it is no posterior.
+
+        Parameters
+        ----------
+        window : ndarray of int, shape (bins,)
+            Of each bin; those from `count` on are left out.
+        count : int
+        """
+        if self.course is None:
+            return None
+        of_values, of_rates = self.course.covariances(np.repeat(window, self.each), count)
+        return of_values, of_rates * self.each**2
 
 
 def diffuses(column: str) -> bool:
@@ -129,7 +141,14 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
     found = {}
     for name, one in alone.items():
         others = {other: alone[other].values / spread for other, spread in spreads.items() if other != name}
-        if diffuses(name) or one.step or not one.noise or not others or not np.all(np.isfinite(list(others.values()))):
+        if (
+            diffuses(name)
+            or one.course is not None
+            or one.step
+            or not one.noise
+            or not others
+            or not np.all(np.isfinite(list(others.values())))
+        ):
             found[name] = one
             continue
         errors = [float(np.mean(alone[other].variance + alone[other].rounding)) / spreads[other] ** 2 for other in others]
