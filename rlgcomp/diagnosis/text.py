@@ -49,7 +49,11 @@ def as_text(record: Record) -> str:
         parts.append(_table("What is missing", MEMBER_COLUMNS, member_rows(record)))
     if record.alternatives:
         parts.append(
-            _table("Other sets", ("set", "probability"), [[region_words(label), p] for label, p in alternative_rows(record)])
+            _table(
+                "Sets of causes, the named one first",
+                ("set", "probability"),
+                [[region_words(label), p] for label, p in alternative_rows(record)],
+            )
         )
     if record.where:
         title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"

@@ -88,6 +88,8 @@ class Results:
         On the files beside the page.
     badge : str
         The verdict in a word or two.
+    words : tuple of str
+        Names that are printed in words in remarks.
     """
 
     title: str
@@ -99,6 +101,7 @@ class Results:
     remarks: tuple[Message, ...] = ()
     beside: str = ""
     badge: str = ""
+    words: tuple[str, ...] = ()
 
     @property
     def pictures(self) -> list[Picture]:

@@ -14,7 +14,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN, legend
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
 from rlgcomp.report.messages import Message
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture, png
@@ -48,7 +49,8 @@ def draw_curves(axes: Axes, white_deg_h: float, detected: FoundCurve, named: Fou
     """
     earlier = named.chance > detected.chance
     filled: dict[str, Any] = {"where": earlier, "color": FIT, "alpha": 0.12, "lw": 0.0, "label": "named before it is detected"}
-    axes.fill_between(detected.at, detected.chance, named.chance, **filled)
+    if earlier.any():
+        axes.fill_between(detected.at, detected.chance, named.chance, **filled)
     square: dict[str, Any] = {"color": FIT, "marker": "s", "mfc": "none", "ms": 9.0}  # neither hides the other
     for curve, dots, width in ((named, square, 5.0), (detected, {"color": RESIDUAL, "marker": "o", "ms": 5.0}, 2.5)):
         colour = dots["color"]
@@ -61,10 +63,10 @@ def draw_curves(axes: Axes, white_deg_h: float, detected: FoundCurve, named: Fou
     axes.set_xscale("log")
     axes.set_xlim(float(detected.at.min()), float(detected.at.max()))
     tried = detected.strengths
-    axes.set_xticks(tried, [f"{strength:g}\n{strength * white_deg_h:.2g} deg/h" for strength in tried])
+    axes.set_xticks(tried, [f"{strength:g}\n{strength * white_deg_h:.2g}" for strength in tried])
     axes.set_xticks([], minor=True)
     axes.set_ylim(-0.03, 1.05)
-    axes.set_xlabel("strength; below it the rms that the simulator cannot absorb")
+    axes.set_xlabel("strength, and below it the rms in deg/h that the simulator cannot fit")
     axes.set_ylabel("share of trials")
 
 
@@ -92,10 +94,10 @@ def curves_picture(title: str, white_deg_h: float, detected: FoundCurve, named: 
 def curves(white_deg_h: float, detected: FoundCurve, named: FoundCurve) -> Picture:
     """Both curves as a picture of a page; parameters as of :func:`draw_curves`."""
     with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 4.6), layout="constrained")
+        figure = Figure(figsize=(WIDTH_IN, 5.0), layout="constrained")
         axes = figure.subplots()
         draw_curves(axes, white_deg_h, detected, named)
-        legend(axes)
+        figure.legend(loc="outside lower left")
         return picture(
             figure,
             "curves",
@@ -131,13 +133,14 @@ def sensitivity_page(
     sizes = [one.s90 * white_deg_h for one in shown]
     low, high = (end * white_deg_h for end in named.s90_interval)
     return Results(
-        title=f"Smallest {words} found in these recordings",
+        title=f"Smallest effect of {words} found in these recordings",
         kind="sensitivity",
-        answer=f"In nine of ten trials {words} of {sizes[0]:.2g} deg/h rms is detected, and of {sizes[1]:.2g} deg/h rms named.",
+        answer=f"In nine of ten trials an effect of {words} is detected at {sizes[0]:.2g} deg/h rms, and named at "
+        f"{sizes[1]:.2g} deg/h rms.",
         headline=((f"{sizes[0]:.2g}", "deg/h rms detected"), (f"{sizes[1]:.2g}", "deg/h rms named")),
         facts=(
             ("Interval", f"named in nine of ten from {low:.2g} to {high:.2g} deg/h (95 %)"),
-            ("Strength", f"1 is {white_deg_h:.2g} deg/h: the white noise of a mean"),
+            ("Strength", f"1 is {white_deg_h:.2g} deg/h, the white noise of a 100 s mean; rms: of what the simulator cannot fit"),
             ("Next", "Record longer or wider programmes where a smaller effect must be found."),
         ),
         sections=(
@@ -145,5 +148,6 @@ def sensitivity_page(
             *(Section(title, (table,)) for title, table in tables.items()),
         ),
         remarks=tuple(notes[1]),
+        words=tuple(CATALOGUE),
         beside="Trials are in sensitivity.json, shares in shares.csv beside this page.",
     )
