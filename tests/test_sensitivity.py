@@ -136,7 +136,8 @@ class TestSensitivity:
         ]
         assert curves_picture("mode_hop", 0.002, *curves, "note").startswith(b"\x89PNG")
         (axes,) = drawn[0].axes
-        assert [text.get_text() for text in axes.get_xticklabels()] == ["0.1\n0.0002 deg/h", "1.6\n0.0032 deg/h"]
+        assert [text.get_text() for text in axes.get_xticklabels()] == ["0.1\n0.0002", "1.6\n0.0032"]
+        assert "rms in deg/h" in axes.get_xlabel()
         assert [text.get_text() for text in axes.get_legend().get_texts()][:1] == ["named before it is detected"]
 
     def test_injections_have_the_stated_size(self) -> None:

@@ -5,6 +5,7 @@ Functions named `draw_...` draw onto axes; pages and :meth:`~rlgcomp.diagnosis.r
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -182,10 +183,8 @@ def draw_function(axes: Axes, record: Record, k: int, truth: Truth | None = None
     if in_time:
         axes.set_xscale("log")
         axes.set_xlabel(typeset(f"{table.of} in {label.removeprefix('time in ')}"))
-    elif display_unit(table.of):
-        axes.set_xlabel(column_label(table.of))
     else:
-        axes.set_xlabel(typeset(f"{table.of}{f' in {table.of_unit}' * bool(table.of_unit)}"))
+        axes.set_xlabel(_driver_label(table))
     axes.set_ylabel(_quantity(record, unit))
     path = f", path of {table.run}" if table.kind == "loop" else ""
     axes.set_title(wrapped(f"{_name(cause)}: contribution{path}", _NAME))
@@ -211,6 +210,15 @@ def _draw_over_time(axes: Axes, record: Record, k: int, concealed: Mechanism | N
     axes.set_xlabel(label)
     axes.set_ylabel(_quantity(record, unit))
     axes.set_title(wrapped(f"{_name(cause)}: contribution to {run.name}", _NAME))
+
+
+def _driver_label(table: Function) -> str:
+    """Label of an axis of what a function is of, in words."""
+    if display_unit(table.of):
+        return column_label(table.of)
+    words = re.sub(r"d\((\w+)\)/dt", lambda found: f"rate of {column_words(found[1])}", table.of)
+    words = re.sub(r"lag\((\w+), (.+?)\)", lambda found: f"{column_words(found[1])}, lagging by {found[2]}", words)
+    return typeset(f"{words}{f', {table.of_unit}' * bool(table.of_unit)}")
 
 
 def _quantity(record: Record, unit: str) -> str:
