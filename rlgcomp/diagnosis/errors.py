@@ -5,7 +5,8 @@ With g = ∂f/∂u, σ_u² the variance of what the smooth of width w leaves, an
 .. math:: E_{tt'} = g_t g_{t'} \left(\sigma_u^2 e^{-(t - t')^2 / 4 w^2} + \sigma_q^2 e^{-6 |P_t - P_{t'}| / q}\right)
 
 where P is the way that the driver has gone: the error of rounding is white while the driver moves by many steps in a window, and
-constant while it rests. A rate of change has the error of its slope.
+constant while it rests. A rate of change has the error of its slope. Where the column is the posterior of a course
+(:mod:`rlgcomp.numerics.courses`), both have its covariance.
 """
 
 from __future__ import annotations

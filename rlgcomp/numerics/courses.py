@@ -54,8 +54,6 @@ class Course:
         Of the smoother: covariance of value and rate at a reading with those at the next, over the variance of these; by rows.
     moments : ndarray, shape (n, 3)
         Variance of the value, its covariance with the rate, and variance of the rate; a rate is the change from reading to reading.
-    noise : float
-        Variance of the white noise that tells as much of the course as the readings do.
     log_evidence : float
         Of the readings, up to a constant of their number.
     intensity : float
@@ -66,7 +64,6 @@ class Course:
     variances: Array
     gains: Array
     moments: Array
-    noise: float
     log_evidence: float
     intensity: float
 
@@ -160,8 +157,8 @@ class _Readings:
         """An intensity that is rather too large."""
         return _ROUGH * max(float(np.mean(np.diff(self.values, 2) ** 2)), self.scale)
 
-    def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, float, float]:
-        """Means, variances, gains, moments, equivalent noise and log evidence; the normal readings stay as they came out."""
+    def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, float]:
+        """Means, variances, gains, moments and log evidence; the normal readings stay as they came out."""
         n = len(self.values)
         means, gains, moments, forward = np.empty(n), np.zeros((n, 4)), np.empty((n, 3)), np.empty((n, 10))
         spread = float(np.max(np.diff(self.values) ** 2)) + self.scale  # of the first value, and of the first rate
@@ -172,7 +169,7 @@ class _Readings:
             log_evidence += _smooth(
                 self.values, self.step, self.noise, self.shifts, self.precisions, forward, means, gains, moments
             )
-        return means, moments[:, 0], gains, moments, float(n / np.sum(self.precisions)), log_evidence
+        return means, moments[:, 0], gains, moments, log_evidence
 
 
 @compiled()

@@ -55,8 +55,9 @@ class Readings:
     rounding : ndarray, shape (bins,)
         Variance of what rounding leaves.
     course : Course, optional
-        The posterior that the values are the means of, at so many readings of each bin.
+        The posterior that the values are the means of.
     each : int
+        Its values in each bin.
     """
 
     values: Array
