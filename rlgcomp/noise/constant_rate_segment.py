@@ -15,16 +15,18 @@ from scipy import special
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation, fit_coefficients
-from rlgcomp.noise.angle_harmonics import Harmonics, Progress, Spectrum, fit_harmonics, spectra, sums_of_waves, without
+from rlgcomp.noise.angle_harmonics import CHUNK, Harmonics, Progress, Spectrum, fit_harmonics, spectra, sums_of_waves, without
 from rlgcomp.noise.coefficients import NoiseCoefficients
 from rlgcomp.noise.encoder import Leg, middle_deg
 from rlgcomp.noise.spectral_fit import (
     LOWEST_BIN,
     Periodogram,
     SpectralNoise,
+    Transform,
     fit_spectrum,
     fit_widest,
     periodogram,
+    periodogram_of,
     shapes,
     transform,
 )
@@ -184,7 +186,7 @@ class ConstantRateSegment:
                     "--map"
                 )
             self.trends.append(_trend(rate, self.variable, self.place, self.per_mean))
-            self.rates.append(rate - self.trends[-1](self.variable))
+            self.rates.append(rate - _values(self.trends[-1], self.variable))
         steps = 2 * len(self.names) + 2
         self.spectra = spectra(self.rates, self.middle_deg)
         self.advance(2, steps)
@@ -212,7 +214,7 @@ class ConstantRateSegment:
         rate = np.diff(self.angle_deg, prepend=2.0 * self.angle_deg[0] - self.angle_deg[1]) * (SECONDS_PER_HOUR / self.period_s)
         gap = np.r_[False, np.diff(self.place) > 1]
         rate[gap] = self.leg.rate_deg_s * SECONDS_PER_HOUR
-        rate -= _trend(rate, self.variable, self.place, self.per_mean)(self.variable)
+        rate -= _values(_trend(rate, self.variable, self.place, self.per_mean), self.variable)
         (spectrum,) = spectra([rate], self.middle_deg)
         return rate, without(rate, self.middle_deg, fit_harmonics(rate, self.middle_deg, spectrum, of_waves=self.of_waves))
 
@@ -220,11 +222,13 @@ class ConstantRateSegment:
         raw, clean, gain = self.rates[k], self.clean[k], self.gains[k]
         means = self._seconds(k, raw, clean)
         before, after = (allan_deviation(means[column], means["time_s"]) for column in ("before_deg_h", "after_deg_h"))
-        subtract = self._table_moves(clean, encoder[1], gain)
+        transformed = transform(clean, self.place, self.period_s, HIGHEST_HZ)
+        subtract = self._table_moves(transformed, encoder[1], gain)
         if subtract:
             raw, clean = raw - gain * encoder[0], clean - gain * encoder[1]
             after = allan_deviation(self._seconds(k, raw, clean)["after_deg_h"], means["time_s"])
-        density = periodogram(clean, self.place, self.period_s, HIGHEST_HZ)
+            transformed = transform(clean, self.place, self.period_s, HIGHEST_HZ)
+        density = periodogram_of(transformed, self.period_s)
         noise = fit_widest(density, leave_out=self._lines(density.frequency_hz))
         return AngleRandomWalk(
             self.recording.name,
@@ -250,9 +254,9 @@ class ConstantRateSegment:
         order = np.rint(frequency_hz * self.turn_s)
         return np.asarray((order > 0) & (np.abs(frequency_hz - order / self.turn_s) < LINE_BINS * step_hz))
 
-    def _table_moves(self, clean: Array, encoder: Array, gain: float) -> bool:
+    def _table_moves(self, transformed: Transform, encoder: Array, gain: float) -> bool:
         """Whether in some octave gyro and encoder are coherent and their difference is quieter than the gyro."""
-        gyro, step_hz, _ = transform(clean, self.place, self.period_s, HIGHEST_HZ)
+        gyro, step_hz, _ = transformed
         table, _, _ = transform(gain * encoder, self.place, self.period_s, HIGHEST_HZ)
         use = ~self._lines(step_hz * np.arange(LOWEST_BIN, LOWEST_BIN + len(gyro), dtype=np.float64))
         gyro, table = gyro[use], table[use]
@@ -335,6 +339,14 @@ def _trend(rate: Array, variable: Array, place: Whole, per_mean: int) -> np.poly
     x, y = (np.add.reduceat(values, starts) / counts for values in (variable, rate))
     full = counts == counts.max()
     return np.polynomial.legendre.Legendre.fit(x[full], y[full], DEGREE, domain=[-1.0, 1.0])
+
+
+def _values(trend: np.polynomial.legendre.Legendre, variable: Array) -> Array:
+    """Values of a polynomial, chunk by chunk, so that what is computed meanwhile stays in the cache."""
+    values = np.empty_like(variable)
+    for start in range(0, len(variable), CHUNK):
+        values[start : start + CHUNK] = trend(variable[start : start + CHUNK])
+    return values
 
 
 def revolutions(angle_deg: Array) -> float:

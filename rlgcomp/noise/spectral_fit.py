@@ -34,6 +34,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
+Transform = tuple[npt.NDArray[np.complex128], float, float]
 
 FEWEST_BINS: Final = 50
 LOWEST_BIN: Final = 6  # a fifth-order trend was removed from the bins below
@@ -128,15 +129,18 @@ def periodogram(rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float
     highest_hz : float
         Upper limit of the frequencies.
     """
-    spectrum, step_hz, weight = transform(rate_deg_h, place, period_s, highest_hz)
+    return periodogram_of(transform(rate_deg_h, place, period_s, highest_hz), period_s)
+
+
+def periodogram_of(transformed: Transform, period_s: float) -> Periodogram:
+    """Periodogram of a rate whose Fourier transform is known, on a grid of `period_s`."""
+    spectrum, step_hz, weight = transformed
     density = np.abs(spectrum) ** 2 * (period_s / weight)
     frequency = step_hz * np.arange(LOWEST_BIN, LOWEST_BIN + len(density), dtype=np.float64)
     return Periodogram(frequency, density, period_s)
 
 
-def transform(
-    rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float, highest_hz: float = math.inf
-) -> tuple[npt.NDArray[np.complex128], float, float]:
+def transform(rate_deg_h: Array, place: npt.NDArray[np.int64], period_s: float, highest_hz: float = math.inf) -> Transform:
     """Tapered Fourier transform from the lowest usable bin to `highest_hz`.
 
     Parameters
