@@ -12,7 +12,7 @@ from rlgcomp.cli.base import AsJson, Gyro, Jobs, command, progress
 from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_json, show_table
 
-USUAL: Final = ("lssvm", "cubic", "dynamic")  # models whose names are known before scikit-learn is imported for all of them
+USUAL: Final = ("lssvm-dynamic", "lssvm", "cubic", "dynamic")  # whose names are known before scikit-learn is imported for all
 
 
 @command("fleet")
