@@ -45,7 +45,7 @@ from rlgcomp.report.drawing import (
 from rlgcomp.report.messages.wording import probability_text
 from rlgcomp.report.page import Picture
 from rlgcomp.report.svg import picture
-from rlgcomp.units import display_unit, typeset
+from rlgcomp.units import column_unit, display_unit, typeset
 
 Array = npt.NDArray[np.float64]
 Truth = Mapping[str, Mechanism]  # the concealed mechanisms by name, where they are known
@@ -214,10 +214,11 @@ def _draw_over_time(axes: Axes, record: Record, k: int, concealed: Mechanism | N
 
 def _driver_label(table: Function) -> str:
     """Label of an axis of what a function is of, in words."""
-    if display_unit(table.of):
+    if re.fullmatch(r"\w+", table.of) and display_unit(table.of):
         return column_label(table.of)
     words = re.sub(r"d\((\w+)\)/dt", lambda found: f"rate of {column_words(found[1])}", table.of)
     words = re.sub(r"lag\((\w+), (.+?)\)", lambda found: f"{column_words(found[1])}, lagging by {found[2]}", words)
+    words = re.sub(r"\w+", lambda found: column_words(found[0]) if column_unit(found[0]) else found[0], words)
     return typeset(f"{words}{f', {table.of_unit}' * bool(table.of_unit)}")
 
 
