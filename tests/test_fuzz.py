@@ -10,14 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.ipc
+import pyarrow.parquet
 import pytest
 import scipy.io
 
 import rlgcomp as rlg
 from experiments.fuzz import cases
+from experiments.fuzz.containers import arrow_of
 from rlgcomp.files import from_json, from_yaml, read_text
 from rlgcomp.fleet import read_fleet
 from rlgcomp.recording.formats import csv, hdf5, matlab, parquet
+from rlgcomp.recording.formats.pieces import read_pieces
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{new}: &{new} [{', '.join(['*' + old] * 9)}]\n" for old, new in zip("abcdefgh", "bcdefghi", strict=True)
@@ -102,6 +106,13 @@ def test_small_files_of_huge_content_are_refused_and_the_limit_can_be_raised(
             rlg.read(tmp_path / f"run{suffix}")
         monkeypatch.setenv("RLGCOMP_LARGEST_GB", "1")
         assert len(rlg.read(tmp_path / f"run{suffix}")) == 300
+    for compression in ("lz4", "zstd"):
+        table.to_feather(tmp_path / "run.feather", compression=compression)
+        monkeypatch.setenv("RLGCOMP_LARGEST_GB", "1e-6")
+        with pytest.raises(rlg.InputError, match="set RLGCOMP_LARGEST_GB"):
+            rlg.read(tmp_path / "run.feather")
+        monkeypatch.setenv("RLGCOMP_LARGEST_GB", "1")
+        assert len(rlg.read(tmp_path / "run.feather")) == 300
     monkeypatch.setenv("RLGCOMP_LARGEST_GB", "much")
     with pytest.raises(rlg.InputError, match="positive number of GiB"):
         rlg.read(tmp_path / "run.parquet")
@@ -161,3 +172,33 @@ def test_a_damaged_matlab_file_is_refused_before_scipy_crashes(tmp_path: Path, t
         )
         with contextlib.suppress(rlg.InputError):
             rlg.read(tmp_path / "run.mat")
+
+
+def test_offsets_that_point_anywhere_crash_nothing(tmp_path: Path, table: pd.DataFrame) -> None:
+    notes = [f"note {k}" for k in range(len(table))]
+    arrow = arrow_of(table).append_column("note", pyarrow.array(notes, pyarrow.string()))
+    with pyarrow.ipc.new_file(tmp_path / "run.feather", arrow.schema) as file:
+        file.write_table(arrow)
+    content = bytearray((tmp_path / "run.feather").read_bytes())
+    offsets = np.cumsum([0, *map(len, notes)]).astype("<i4").tobytes()
+    place = content.index(offsets)
+    content[place + 400 : place + 404] = b"\xff\xff\xff\x7f"
+    (tmp_path / "run.feather").write_bytes(content)
+    with pytest.raises(rlg.InputError, match="not readable as Feather"):
+        rlg.read(tmp_path / "run.feather")
+
+
+@pytest.mark.parametrize("twice", ["gyro_deg_h", "x", "time_s"])
+def test_a_name_that_stands_twice_is_refused(tmp_path: Path, twice: str) -> None:
+    """In Arrow's formats, which can hold it; also where a file is read in pieces."""
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"time_s": np.arange(2000.0), "gyro_deg_h": rng.normal(size=2000), "x": rng.normal(size=2000)})
+    arrow = arrow_of(pd.concat([table, table[[twice]]], axis=1))
+    pyarrow.parquet.write_table(arrow, tmp_path / "run.parquet")
+    with pyarrow.ipc.new_file(tmp_path / "run.feather", arrow.schema) as file:
+        file.write_table(arrow)
+    for name in ("run.parquet", "run.feather"):
+        with pytest.raises(rlg.InputError, match=f"column names appear twice: {twice}"):
+            rlg.read(tmp_path / name)
+    with pytest.raises(rlg.InputError, match="column names appear twice"):
+        list(read_pieces(tmp_path / "run.parquet", "gyro_deg_h"))

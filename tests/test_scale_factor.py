@@ -389,6 +389,21 @@ def test_command_gives_k_from_one_file_or_many(folder: Path, tmp_path: Path) -> 
     assert scales[0] != scales[1]  # other noise, the same answer
 
 
+def test_the_file_and_its_page_are_replaced_together(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = [folder / "turning.parquet", folder / "positions.parquet"]
+    assert command(*runs, "--out", tmp_path / "k.json").exit_code == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert before.keys() == {"k.json", "k.html"}
+    with monkeypatch.context() as broken:
+        broken.setattr("rlgcomp.report.page.write_text", lambda *_: 1 / 0)
+        assert command(*runs[:1], "--out", tmp_path / "k.json").exit_code == 1
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert command(*runs[:1], "--out", tmp_path / "k.json").exit_code == 0
+    after = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert after.keys() == before.keys()
+    assert all(after[name] != before[name] for name in before)
+
+
 def test_command_for_people(folder: Path) -> None:
     result = command(folder / "turning.parquet", folder / "positions.parquet")
     assert result.exit_code == 0

@@ -20,8 +20,20 @@ def _npz(path: Path, table: pd.DataFrame) -> None:
     np.savez_compressed(path, **_columns(table))
 
 
+def arrow_of(table: pd.DataFrame) -> Any:
+    """An Arrow table, in which a name may stand twice."""
+    import pyarrow
+
+    columns = [pyarrow.array(table.iloc[:, k]) for k in range(table.shape[1])]
+    return pyarrow.Table.from_arrays(columns, names=list(map(str, table.columns)))
+
+
 def _feather(path: Path, table: pd.DataFrame) -> None:
-    table.to_feather(path)
+    import pyarrow
+
+    arrow = arrow_of(table)
+    with pyarrow.ipc.new_file(path, arrow.schema) as file:
+        file.write_table(arrow)
 
 
 def _excel(path: Path, table: pd.DataFrame) -> None:

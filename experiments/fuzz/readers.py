@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
+from pyarrow.parquet import write_table
 
 import rlgcomp as rlg
-from experiments.fuzz.containers import MAKERS, MAPPINGS
+from experiments.fuzz.containers import MAKERS, MAPPINGS, arrow_of
 from experiments.fuzz.mutations import NUMBERS, bytes_of, data_of, mutated_json, mutated_table, mutated_yaml, tokens_of
 from experiments.fuzz.results import HYBRIDS, command, pages, physics_file, result_seeds, turntable, two_loggers
 from rlgcomp.calibration.file import Calibration
@@ -123,12 +125,20 @@ def _recording(made: dict[str, Any], folder: Path, rng: np.random.Generator, *, 
         if rng.random() < 0.5:
             metadata = data_of(metadata, rng)
         try:
-            form.save(path, table, metadata)
+            _save(form, path, table, metadata)
         except Exception:  # noqa: BLE001  what cannot be written is no file to read
             form.save(path, made["table"], made["metadata"])
         if rng.random() < 0.5:
             path.write_bytes(bytes_of(path.read_bytes(), rng))
     _inspect(path)
+
+
+def _save(form: Any, path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
+    """As the format writes it; names that stand twice by Arrow, since the package does not write them."""
+    if form is parquet and not table.columns.is_unique:
+        write_table(arrow_of(table), path)
+    else:
+        form.save(path, table, metadata)
 
 
 def _sidecar(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> None:
@@ -161,7 +171,7 @@ def _pieces(made: dict[str, Any], folder: Path, rng: np.random.Generator) -> Non
     with_fault = folder / f"run{suffix}"
     form = csv if suffix == ".csv" else parquet
     try:
-        form.save(with_fault, mutated_table(made["table"], rng), {})
+        _save(form, with_fault, mutated_table(made["table"], rng), {})
     except Exception:  # noqa: BLE001  what cannot be written is no file to read
         form.save(with_fault, made["table"], {})
     if rng.random() < 0.6:

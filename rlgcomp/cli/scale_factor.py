@@ -75,7 +75,7 @@ def scale_factor(
     Example: `rlgcomp scale-factor to-and-fro.parquet positions.parquet --out unit-17.json`
     """
     from rlgcomp.calibration.scale_factor_calibration import calibrate_scale_factor
-    from rlgcomp.files import is_result, require_replaceable, require_writable, write_result
+    from rlgcomp.files import is_result, require_replaceable, require_writable, whole_file, write_result
     from rlgcomp.report.page import is_page
 
     if out is not None:
@@ -95,8 +95,10 @@ def scale_factor(
         errors=errors,
     )
     if out is not None:
-        write_result(out, calibration.to_mapping(), overwrite=overwrite)
-        _write_page(out.with_suffix(".html"), calibration, runs, [run.metadata for run in recordings])
+        with whole_file(out, overwrite=overwrite, written=is_result) as scratch:  # both take their places together
+            write_result(scratch, calibration.to_mapping(), overwrite=True)
+            _write_page(scratch.with_suffix(".html"), calibration, runs, [run.metadata for run in recordings])
+            require_replaceable(out.with_suffix(".html"), overwrite=overwrite, written=is_page)
     if as_json:
         show_json(calibration.to_mapping())
         return

@@ -23,7 +23,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, read_text, require_replaceable, require_writable, sha256, whole_file, write_text
 from rlgcomp.recording import TIME, Finding, Metadata, Recording
 from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
-from rlgcomp.recording.formats.contents import Contents
+from rlgcomp.recording.formats.contents import Contents, require_different
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, source_names
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.scratch import recover
@@ -151,6 +151,7 @@ def recording_of(
     merged = Metadata.from_mapping(metadata)
     require_droppable(drop, table.columns, name)
     table = table.drop(columns=list(drop))
+    require_different(table.columns, name)
     own = list(map(str, table.columns))
     table, stated_units = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
     if period_s is not None:

@@ -1,12 +1,15 @@
-"""Contents of a recording's file, before its columns are mapped and repaired."""
+"""Contents of a recording's file, before its columns are mapped and repaired, and the check that no name stands twice."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
+from rlgcomp.errors import InputError
 from rlgcomp.recording import Finding
 
 
@@ -30,3 +33,23 @@ class Contents(NamedTuple):
     units: Mapping[str, str] = {}
     findings: tuple[Finding, ...] = ()
     other: tuple[str, ...] = ()
+
+
+def require_different(names: Iterable[object], place: Path | str) -> None:
+    """Refuse a table in which a name stands twice: which of the two is meant?
+
+    Parameters
+    ----------
+    names : iterable
+        Of its columns.
+    place : path or str
+        Named in the message.
+
+    Raises
+    ------
+    InputError
+        There is one.
+    """
+    repeated = sorted(name for name, count in Counter(map(str, names)).items() if count > 1)
+    if repeated:
+        raise InputError(f"{place}: column names appear twice: {', '.join(repeated)}; rename or drop one of each")

@@ -10,6 +10,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
+from rlgcomp.recording.formats.contents import require_different
 from rlgcomp.recording.formats.limits import require_expandable
 
 SUFFIXES: Final = (".parquet", ".pq")
@@ -27,9 +28,7 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     try:
         with parquet.ParquetFile(path, memory_map=True) as file:
             require_expandable(path, 8.0 * file.metadata.num_rows * file.metadata.num_columns)
-            repeated = sorted({name for name in file.schema_arrow.names if file.schema_arrow.names.count(name) > 1})
-            if repeated:
-                raise InputError(f"{path}: column names appear twice: {', '.join(repeated)}; rename or drop one of each")
+            require_different(file.schema_arrow.names, path)
             table = file.read()  # memory-mapped: each column in one piece, which pandas takes as it is
         return table.to_pandas(split_blocks=True), _metadata(table.schema)
     except InputError:
@@ -39,12 +38,21 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
 
 def header(path: Path) -> tuple[list[str], dict[str, Any]]:
-    """Column names and metadata of a Parquet file, its rows unread."""
+    """Column names and metadata of a Parquet file, its rows unread.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or a name stands twice.
+    """
     from pyarrow import parquet
 
     try:
         schema = parquet.read_schema(path)
+        require_different(schema.names, path)
         return list(schema.names), _metadata(schema)
+    except InputError:
+        raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is no Parquet file, or a damaged one: {_first_line(error)}") from None
 
