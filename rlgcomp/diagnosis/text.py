@@ -21,7 +21,7 @@ from rlgcomp.report.messages.wording import (
     span_text,
     time_text,
 )
-from rlgcomp.units import display_unit
+from rlgcomp.units import display_unit, typeset
 
 GROUPS: Final = {
     "train": "train: name and fit",
@@ -58,7 +58,7 @@ def as_text(record: Record) -> str:
     if record.where:
         title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"
         parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
-    title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {record.unit}"
+    title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {typeset(record.unit)}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
     messages = remarks(record)
     if messages:

@@ -99,7 +99,7 @@ def _compensation_better(runs: str, compensation: float, after: float, floor: fl
 
 
 def _learnt(causes: Sequence[str], share: float) -> str:
-    names = listing(["a slow error" if one == "wander" else one for one in causes])
+    names = listing(["A slow error" if one == "wander" else one for one in causes])
     return (
         f"{names} follows no recorded column, but an LS-SVM learns {percent_text(share)} of the mismatch from recorded columns: a "
         "law of three or more of them together is likelier than a cause that was not recorded."
