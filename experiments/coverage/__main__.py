@@ -28,6 +28,13 @@ TURN_ON_CASES = [
     *(("dynamic", runs, True) for runs in (1, 2, 4, 6)),
     *(("lssvm", runs, True) for runs in (1, 2)),
 ]
+LEG_OFFSET_S = 60.0
+LEGS_MODELS = (
+    ("dynamic", "temperature,temperature_rate"),
+    ("dynamic", "all"),
+    ("lssvm", "temperature"),
+    ("lssvm-dynamic", "all"),
+)
 NORMAL = 1.645  # 90 % of a normal distribution lie within so many standard deviations
 CASES = [
     *(("dynamic", "play", runs) for runs in (1, 2, 3, 5, 9)),
@@ -125,13 +132,13 @@ def turn_on(work: Work, units: int) -> list[dict[str, object]]:
 
 
 def legs() -> list[dict[str, object]]:
-    """Shares held on each leg of each axis, trained on the two other legs."""
+    """Shares held on each leg of each axis, trained on the two other legs, and how large the errors are in half widths."""
     logging.disable(logging.WARNING)
     whole = mems.cycle(FOLDER.parent / "real" / "mems_imu_thermal_chamber")
     parts = [mems.leg(whole, number) for number in (1, 2, 3)]
     table: list[dict[str, object]] = []
-    for model, features in (("dynamic", "temperature,temperature_rate"), ("dynamic", "all"), ("lssvm", "temperature")):
-        found = {}
+    for model, features in LEGS_MODELS:
+        found, in_half_widths, zeroed = {}, [], []
         for axis in mems.AXES:
             for k, part in enumerate(parts):
                 compensator = rlg.Compensator(
@@ -139,9 +146,17 @@ def legs() -> list[dict[str, object]]:
                 ).fit(parts[:k] + parts[k + 1 :])
                 (result,) = rlg.evaluate(compensator, [part], compare=False).runs
                 found[f"{axis}, leg {k + 1}"] = 100.0 * result.in_interval
-        mean = float(np.mean(list(found.values())))
+                in_half_widths.append(result.residual_rms_deg_h / compensator.interval_.inside_deg_h)
+                (started,) = rlg.evaluate(compensator, [part], compare=False, offset_s=LEG_OFFSET_S).runs
+                zeroed.append(100.0 * started.in_interval)
         table.append(
-            {"model": f"{model}, {features}", "mean": f"{mean:.0f}"} | {key: f"{share:.0f}" for key, share in found.items()}
+            {
+                "model": f"{model}, {features}",
+                "mean": f"{float(np.mean(list(found.values()))):.0f}",
+                **{key: f"{share:.0f}" for key, share in found.items()},
+                "rms error / half width, median": f"{float(np.median(in_half_widths)):.2f}",
+                f"offset zeroed over {LEG_OFFSET_S:.0f} s, mean": f"{float(np.mean(zeroed)):.0f}",
+            }
         )
     return table
 
