@@ -22,6 +22,7 @@ from rlgcomp.diagnosis.regions import Setting
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.telegraph import two_state
 from rlgcomp.diagnosis.terms import Form
+from rlgcomp.diagnosis.variants import gains
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -228,6 +229,13 @@ def test_forms_together_have_the_evidence_that_each_has_alone(data: Data) -> Non
         for form, row in zip(forms, table, strict=True):
             alone = [evidence.log_evidence((*members, Member(form, size))) for size in priors.SIZES]
             assert row == pytest.approx(alone, abs=1e-3)
+        grown = [Form("loop", "plays", (plays[0].lead[0], one.lead[0]), plays[0].smooth) for one in plays[1:]]
+        for some in (grown, [*forms, *grown], grown[:1]):
+            possible, table = gains(given, some)
+            assert possible == tuple(some)
+            for form, row in zip(some, table, strict=True):
+                alone = [evidence.log_evidence((*members, Member(form, size))) for size in priors.SIZES]
+                assert row == pytest.approx(alone, abs=1e-3)
 
 
 def test_whitened_noise_is_white(data: Data) -> None:

@@ -34,7 +34,9 @@ from rlgcomp.diagnosis.terms import Form
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
-_KEPT: Final = 500  # projected columns of one noise
+_KEPT: Final = 400  # projected columns of one noise
+_KEPT_COLUMNS: Final = 4000  # window means of bases, and as many reduced ones, that were last asked for
+_AT_ONCE: Final = 500  # columns that are reduced together
 _NOISES: Final = 40  # whose factors are kept
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
 _UNSEEN: Final = 1e-9  # of its variance, in a direction that no size brings above the noise
@@ -64,6 +66,34 @@ class Member:
 Set = tuple[Member, ...]
 
 
+class Recent:
+    """Columns of bases, those that were last asked for.
+
+    Parameters
+    ----------
+    most : int
+        Columns of all of them.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._count = most, 0
+        self._arrays: dict[Basis, Array] = {}
+
+    def get(self, basis: Basis) -> Array | None:
+        """Those of a basis; None where they are gone."""
+        found = self._arrays.pop(basis, None)
+        if found is not None:
+            self._arrays[basis] = found
+        return found
+
+    def put(self, basis: Basis, columns: Array) -> None:
+        """Those of a basis that has none here; the oldest make room."""
+        self._arrays[basis] = columns
+        self._count += columns.shape[1]
+        while self._count > self._most and len(self._arrays) > 1:
+            self._count -= self._arrays.pop(next(iter(self._arrays))).shape[1]
+
+
 class Bank:
     """Window means of bases, each computed once, and the scales of forms.
 
@@ -80,8 +110,9 @@ class Bank:
         self.data, self.design, self.baseline = data, design, baseline
         self.white = Whitened(data, design, Noise())
         self._whitened: dict[Noise, Whitened] = {}
-        self._columns: dict[Basis, Array] = {}
-        self._reduced: dict[Basis, Array] = {}
+        self._columns = Recent(_KEPT_COLUMNS)
+        self._reduced = Recent(_KEPT_COLUMNS)
+        self._held: dict[Basis, Array] = {}  # reduced columns of the forms of all regions
         self._squares: dict[Basis, tuple[float, float]] = {}
         self._scaled: dict[Form, tuple[tuple[Basis, float], ...] | None] = {}
 
@@ -103,9 +134,11 @@ class Bank:
 
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""
-        if basis not in self._columns:
-            self._columns[basis] = self._of_runs(basis) if isinstance(basis, OnlyIn | EachRun) else self.data.means(basis.columns)
-        return self._columns[basis]
+        found = self._columns.get(basis)
+        if found is None:
+            found = self._of_runs(basis) if isinstance(basis, OnlyIn | EachRun) else self.data.means(basis.columns)
+            self._columns.put(basis, found)
+        return found
 
     def _of_runs(self, basis: OnlyIn | EachRun) -> Array:
         """Window means of a basis in some of the runs, of those that are known of it in all."""
@@ -127,24 +160,49 @@ class Bank:
 
     def reduced(self, basis: Basis) -> Array:
         """Window means of a basis less what the baseline absorbs under white noise, in fewer columns of the same covariance."""
-        if basis not in self._reduced:
-            self._reduced[basis] = _reduced(self.white.project(self.columns(basis)) * np.sqrt(self.data.white)[:, None])
-        return self._reduced[basis]
+        found = self._held.get(basis)
+        if found is None:
+            found = self._reduced.get(basis)
+        if found is None:
+            found = _reduced(self.white.project(self.columns(basis)) * np.sqrt(self.data.white)[:, None])
+            self._reduced.put(basis, found)
+        return found
 
-    def prepare(self, forms: Iterable[Form]) -> None:
-        """Compute the squares of all bases of some forms at once."""
+    def side_by_side(self, bases: Sequence[Basis]) -> Array:
+        """Reduced columns of bases in one table, of which those that are held become parts."""
+        tables = [self.reduced(basis) for basis in bases]
+        table = np.hstack(tables)
+        edges = np.cumsum([0, *(one.shape[1] for one in tables)])
+        for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True):
+            if basis in self._held:
+                self._held[basis] = table[:, a:b]
+        return table
+
+    def prepare(self, forms: Iterable[Form], *, hold: bool = False) -> None:
+        """Compute the squares of all bases of some forms together, and hold their reduced columns where so is asked."""
         bases = dict.fromkeys(basis for form in forms for basis in (*form.lead, *form.departures) if basis not in self._squares)
-        if not bases:
-            return
-        tables = [self.columns(basis) for basis in bases]
-        projected = self.white.project(np.hstack(tables))
+        some: list[tuple[Basis, Array]] = []
+        for basis in bases:
+            some.append((basis, self.columns(basis)))
+            if sum(table.shape[1] for _, table in some) >= _AT_ONCE:
+                self._prepare(some, hold)
+                some = []
+        if some:
+            self._prepare(some, hold)
+
+    def _prepare(self, some: Sequence[tuple[Basis, Array]], hold: bool) -> None:
+        projected = self.white.project(np.hstack([table for _, table in some]))
         squares = np.sum(projected**2, axis=0) / len(self.data)
         root = np.sqrt(self.data.white)[:, None]
-        edges = np.r_[0, np.cumsum([table.shape[1] for table in tables])]
-        for basis, table, a, b in zip(bases, tables, edges[:-1], edges[1:], strict=True):
+        edges = np.cumsum([0, *(table.shape[1] for _, table in some)])
+        for (basis, table), a, b in zip(some, edges[:-1], edges[1:], strict=True):
             whole = float(np.sum(np.mean(table**2 / self.data.white[:, None], axis=0)))
             self._squares[basis] = float(squares[a:b].sum()), whole
-            self._reduced[basis] = _reduced(root * projected[:, a:b])
+            reduced = _reduced(root * projected[:, a:b])
+            if hold:
+                self._held[basis] = reduced
+            else:
+                self._reduced.put(basis, reduced)
 
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         self.prepare([form])
@@ -171,7 +229,7 @@ class Evidence:
     def __init__(self, bank: Bank, noise: Noise, log_prior: float) -> None:
         self.bank, self.noise, self.log_prior = bank, noise, log_prior
         self.whitened = bank.whitened(noise)
-        self._projected: dict[Basis, Array] = {}
+        self._projected = Recent(_KEPT)
 
     @property
     def output(self) -> Array:
@@ -185,18 +243,16 @@ class Evidence:
     def projected(self, bases: Iterable[Basis]) -> list[Array]:
         """Columns of bases, whitened and projected off the baseline; those that were last asked for are kept."""
         listed = list(bases)
-        found = {basis: self._projected.pop(basis) for basis in dict.fromkeys(listed) if basis in self._projected}
-        lacking = [basis for basis in dict.fromkeys(listed) if basis not in found]
+        found = {basis: self._projected.get(basis) for basis in listed}
+        lacking = [basis for basis, one in found.items() if one is None]
         if lacking:
             tables = [self.bank.reduced(basis) for basis in lacking]
             white = self.whitened.project(np.hstack(tables))
             edges = np.cumsum([0, *(table.shape[1] for table in tables)])
-            found |= {one: white[:, a:b].copy() for one, a, b in zip(lacking, edges[:-1], edges[1:], strict=True)}
-        self._projected |= found
-        total = sum(one.shape[1] for one in self._projected.values())
-        while total > _KEPT and len(self._projected) > len(found):
-            total -= self._projected.pop(next(iter(self._projected))).shape[1]
-        return [found[basis] for basis in listed]
+            for basis, a, b in zip(lacking, edges[:-1], edges[1:], strict=True):
+                found[basis] = white[:, a:b].copy()
+                self._projected.put(basis, found[basis])
+        return [one for basis in listed if (one := found[basis]) is not None]
 
     def columns(self, parts: Scaled) -> Array:
         """Columns of bases side by side, each times its scale, shape (n, m)."""

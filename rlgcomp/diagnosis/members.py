@@ -43,7 +43,7 @@ class Members:
 
     def __init__(self, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> None:
         self.bank = bank
-        bank.prepare(form for region in regions for form in region.forms)
+        bank.prepare((form for region in regions for form in region.forms), hold=True)
         self.regions = {region.key: self._possible(region) for region in regions}
         self.forms = tuple(form for region in self.regions.values() for form in region.forms)
         self.region_of = np.array([form.region for form in self.forms])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ _KNOTS: Final = 24  # of a smooth density, along the middles of loops and along 
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
+_STEPS: Final = 65534.0  # of a state from 0 to 1; a half is one of them
 _SPREAD: Final = 10  # radii of a mean over plays
 
 
@@ -222,8 +223,8 @@ class Preisach(Basis):
         up, down = dense(self.levels)
         key = ("plane", self.driver, self.levels, self.start)
         if key not in run.cache:
-            run.cache[key] = (relays(self.driver.values(run), up, down, self.start) - 0.5).astype(np.float32)
-        return np.asarray(run.cache[key] @ self.densities().astype(np.float32), dtype=np.float64)
+            run.cache[key] = _packed(relays(self.driver.values(run), up, down, self.start))
+        return np.asarray((_unpacked(run.cache[key]) - np.float32(0.5)) @ self.densities().astype(np.float32), dtype=np.float64)
 
     def densities(self) -> Array:
         """Weights of the relays, shape (relays, k)."""
@@ -254,8 +255,17 @@ class Undecided(Basis):
         if key not in run.cache:
             values = self.driver.values(run)
             left = relays(values, up, down, "above") - relays(values, up, down, "below")
-            run.cache[key] = left.astype(np.float32)
-        return np.asarray(run.cache[key] @ _principal(self.radius, self.levels, self.count), dtype=np.float64)
+            run.cache[key] = _packed(left)
+        return np.asarray(_unpacked(run.cache[key]) @ _principal(self.radius, self.levels, self.count), dtype=np.float64)
+
+
+def _packed(states: Array) -> npt.NDArray[np.uint16]:
+    """States of relays from 0 to 1 in two bytes each; a step of them is less than rounding in the sum over a plane."""
+    return np.rint(_STEPS * states).astype(np.uint16)
+
+
+def _unpacked(states: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    return states.astype(np.float32) * np.float32(1.0 / _STEPS)
 
 
 @functools.lru_cache(maxsize=8)

@@ -81,8 +81,7 @@ class Section:
         """The section of some forms of those numbers; each has a scale."""
         scaled = [bank.scaled(form) or () for form in forms]
         bases = dict.fromkeys(basis for one in scaled for basis, _ in one)
-        tables = [bank.reduced(basis) for basis in bases]
-        edges = np.r_[0, np.cumsum([table.shape[1] for table in tables])]
+        edges = np.cumsum([0, *(bank.reduced(basis).shape[1] for basis in bases)])
         place = {basis: np.arange(a, b) for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True)}
 
         def places(parts: Scaled) -> tuple[IntArray, Array]:
@@ -95,7 +94,7 @@ class Section:
             rows = [places(own) for _, own in alike]
             index, scale = (np.array(part) for part in zip(*rows, strict=True))
             panels.append(Panel(np.array([numbers[k] for k, _ in alike]), index, scale, *places(shared)))
-        return cls(np.hstack(tables), tuple(panels), np.array(numbers))
+        return cls(bank.side_by_side(list(bases)), tuple(panels), np.array(numbers))
 
 
 def _families(
