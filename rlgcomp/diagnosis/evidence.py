@@ -250,8 +250,9 @@ class Evidence:
             white = self.whitened.project(np.hstack(tables))
             edges = np.cumsum([0, *(table.shape[1] for table in tables)])
             for basis, a, b in zip(lacking, edges[:-1], edges[1:], strict=True):
-                found[basis] = white[:, a:b].copy()
-                self._projected.put(basis, found[basis])
+                part = white[:, a:b].copy()
+                found[basis] = part
+                self._projected.put(basis, part)
         return [one for basis in listed if (one := found[basis]) is not None]
 
     def columns(self, parts: Scaled) -> Array:

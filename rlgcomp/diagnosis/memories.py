@@ -259,7 +259,7 @@ class Undecided(Basis):
         return np.asarray(_unpacked(run.cache[key]) @ _principal(self.radius, self.levels, self.count), dtype=np.float64)
 
 
-def _packed(states: Array) -> npt.NDArray[np.uint16]:
+def _packed(states: Array) -> npt.NDArray[Any]:
     """States of relays from 0 to 1 in two bytes each; a step of them is less than rounding in the sum over a plane."""
     return np.rint(_STEPS * states).astype(np.uint16)
 
