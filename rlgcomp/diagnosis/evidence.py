@@ -447,8 +447,8 @@ class Conditional:
         grown = 1.0 + squares[:, None] * values  # (sizes, k)
         share = squares[:, None] / grown
         products = (both[:, :, :, None] * both[:, :, None, :]).reshape(len(values), count * width**2)
-        rest = (own - (share @ products).reshape(-1, count, width, width)) * squares[:, None, None, None]
-        left = v_own - ((share * along) @ both.reshape(len(values), count * width)).reshape(-1, count, width)
+        rest = (own - (share @ products).reshape(len(squares), count, width, width)) * squares[:, None, None, None]
+        left = v_own - ((share * along) @ both.reshape(len(values), count * width)).reshape(len(squares), count, width)
         square = np.maximum(self.square - share @ along**2, _LEAST * self.square)
         log_dets, left_over = _completed(rest, priors.SIZES[:, None, None] * left, square[:, None])
         log_dets += self.log_det + np.sum(np.log(grown), axis=1)[:, None]

@@ -73,7 +73,7 @@ def _beside(given: Conditional, shared: Shared, own: Sequence[Scaled]) -> Array:
         at_once = max(1, _AT_ONCE // max(1, width * (width + len(columns) * (not every))))
         for first in range(0, len(numbers), at_once):
             some = numbers[first : first + at_once]
-            at, scale = (np.array([table[k] for k in some]).reshape(-1, width) for table in (index, scales))
+            at, scale = (np.array([table[k] for k in some]).reshape(len(some), width) for table in (index, scales))
             of_own = _products(columns, cross, at) if gram is None else gram[at[:, :, None], at[:, None, :]]
             of_own = of_own * scale[:, :, None] * scale[:, None, :]
             found[some] = given.beside_shared(shared.values, shared.along, both[:, at] * scale, of_own, vector[at] * scale)
