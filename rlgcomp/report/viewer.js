@@ -145,7 +145,7 @@
       button("all", "Show all", reset);
     } else note.textContent = "";
     button("save", "Save as SVG", save);
-    bar.appendChild(note); svg.after(bar);
+    bar.appendChild(note); (svg.closest(".scroll") || svg).after(bar);
     const place = (event) => { const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse()); return [at.x, at.y]; };
     let start = null;
     svg.addEventListener("pointerdown", (event) => {
