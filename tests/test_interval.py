@@ -227,3 +227,13 @@ def test_one_run_assumes_a_repeatability(short_runs: list[rlg.Recording], tmp_pa
 def test_a_repeatability_that_is_no_number_is_refused(stated: object, short_runs: list[rlg.Recording]) -> None:
     with pytest.raises(rlg.InputError, match="turn_on_deg_h"):
         rlg.Compensator(rlg.CubicLeastSquares(), turn_on_deg_h=stated).fit(short_runs[:1])  # type: ignore[arg-type]
+
+
+def test_nearly_as_many_errors_far_off_as_may_be_outside() -> None:
+    """The rest must be held almost wholly, so the half width lies far out in the tail of the runs' own means."""
+    errors, far = 1e-3 * np.random.default_rng(9).standard_normal(2000), np.arange(198)
+    errors[10 * far + far // 2 % 2] = 1e9 * np.where(far % 2, 1.0, -1.0)
+    X, groups = np.linspace(0.0, 1.0, 2000)[:, None], np.arange(2000) % 2
+    interval = Interval.calibrated(errors, X, errors, groups, runs=2, turn_on_deg_h=0.01)
+    assert np.mean(np.abs(errors) <= interval.inside_deg_h) == 1.0 - 198 / 2000
+    assert 0.02 < interval.inside_deg_h < 1.0

@@ -234,8 +234,10 @@ def _half_width(within: Sequence[Array], spread: float, degrees_of_freedom: int,
         held = student.cdf((half_width - values) / spread) - student.cdf((-half_width - values) / spread)
         return float(weights @ held) - coverage
 
-    far = start + spread * float(student.ppf(0.5 + 0.5 * coverage))
-    return float(optimize.brentq(shortfall, 0.0, 2.0 * far, rtol=1e-9))
+    far = 2.0 * (start + spread * float(student.ppf(0.5 + 0.5 * coverage)))
+    while shortfall(far) < 0.0:  # as many errors as may be outside lie far beyond the others
+        far *= 2.0
+    return float(optimize.brentq(shortfall, 0.0, far, rtol=1e-9))
 
 
 def excess(X: Array, low: Array, high: Array) -> Array:
