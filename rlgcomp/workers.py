@@ -15,11 +15,13 @@ import multiprocessing.util
 import os
 import pickle
 import sys
+import tempfile
 import types
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.context import BaseContext
+from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import joblib
@@ -30,6 +32,8 @@ from rlgcomp.numerics.worker_processes import end_with_starter
 from rlgcomp.scratch import temporary_folder
 
 RETRIES: Final = 2  # times that a piece is tried again after its worker died
+_SHORT: Final = "/tmp"  # noqa: S108  where TMPDIR has a name too long for the address of a socket
+_LONGEST: Final = 50  # characters
 _LAST: Final = -100  # priority at the end of the process: after the server, as that of multiprocessing's own folder
 DIED: Final = "its worker process died each time: killed, or out of memory; give it more"
 _RECORDINGS: Final = ("rlgcomp.recording.formats.parquet", "pyarrow.parquet", "pyarrow.pandas_compat", "email.parser")
@@ -146,7 +150,7 @@ def _on_this_machine(
 
 
 def _pool(work: Callable[[T], R], pieces: dict[int, T], n_jobs: int, modules: Sequence[str]) -> Iterator[tuple[int, R]]:
-    executor = ProcessPoolExecutor(min(n_jobs, len(pieces)), _context(modules))
+    executor = ProcessPoolExecutor(min(n_jobs, len(pieces)), _context(modules), initializer=end_with_starter)
     pickled_work = _pickled(work)
     try:
         with _environment({"OPENBLAS_NUM_THREADS": "1"}), _without_main_module():
@@ -177,7 +181,8 @@ def _put_sockets_into_scratch() -> None:
     config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]  # noqa: SLF001
     if config.get("tempdir") is None:
         folder = contextlib.ExitStack()
-        config["tempdir"] = str(folder.enter_context(temporary_folder()))
+        long = len(tempfile.gettempdir()) > _LONGEST and Path(_SHORT).is_dir()  # a socket's address has some hundred characters
+        config["tempdir"] = str(folder.enter_context(temporary_folder(_SHORT if long else None)))
         multiprocessing.util.Finalize(None, folder.close, exitpriority=_LAST)
 
 

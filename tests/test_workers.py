@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -116,8 +117,13 @@ if sys.argv[1] == "kill":
 
 @pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="no server of processes here")
 @pytest.mark.parametrize("end", ["kill", "return"])
-def test_sockets_of_workers_are_scratch(tmp_path: Path, end: str) -> None:
+def test_sockets_of_workers_are_scratch(end: str) -> None:
     """They are gone after the process, or after the next command where it was killed."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as short:
+        _start_and_end(Path(short), end)
+
+
+def _start_and_end(tmp_path: Path, end: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", _STARTER, end],
         env=os.environ | {"TMPDIR": str(tmp_path)},
@@ -131,3 +137,38 @@ def test_sockets_of_workers_are_scratch(tmp_path: Path, end: str) -> None:
     with temporary_folder(tmp_path):
         pass
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="no server of processes here")
+def test_a_long_name_of_the_temporary_folder_is_no_fault(tmp_path: Path) -> None:
+    folder = tmp_path / ("x" * 100)
+    folder.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", _STARTER, "return"],
+        env=os.environ | {"TMPDIR": str(folder)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not any(folder.iterdir())
+
+
+_LEAVES_IDLE_WORKERS = """
+import multiprocessing, os, signal
+from concurrent.futures import ProcessPoolExecutor
+from rlgcomp.numerics.worker_processes import end_with_starter
+executor = ProcessPoolExecutor(1, multiprocessing.get_context("forkserver"), initializer=end_with_starter)
+print(executor.submit(os.getpid).result(), flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="no server of processes here")
+def test_a_worker_that_waits_for_a_piece_ends_as_well() -> None:
+    done = subprocess.run([sys.executable, "-c", _LEAVES_IDLE_WORKERS], stdout=subprocess.PIPE, text=True, check=False)
+    worker, until = Path("/proc") / done.stdout.strip(), time.monotonic() + 30.0
+    assert worker.name.isdigit()
+    while worker.exists() and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not worker.exists()
