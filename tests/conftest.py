@@ -27,9 +27,8 @@ settings.load_profile("same")
 
 
 def pytest_collection_finish() -> None:
-    """Thousands of tests and the modules that they import stay until the end; no collection of garbage looks at them again."""
-    gc.collect()
-    gc.freeze()
+    """Thousands of tests and the modules that they import stay until the end; collections of garbage look at them seldom."""
+    gc.set_threshold(100_000, 20, 50)  # not gc.freeze: the lowest version of Hypothesis takes what is frozen for lost
 
 
 @pytest.fixture(scope="session")
