@@ -53,6 +53,13 @@ class Work:
         parser.add_argument("--rows", type=Path, default=Path(f"build/{name}.jsonl"), help="where rows are kept as they finish")
         parser.add_argument("--resume", action="store_true", help="keep the rows that are there already and make the others")
 
+    @staticmethod
+    def without_options(argv: Sequence[str]) -> list[str]:
+        """Arguments of a command line without these: what is left says which pieces, and belongs on a page."""
+        parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        Work.add_options(parser, "")
+        return parser.parse_known_args(argv)[1]
+
     @classmethod
     def of(cls, options: argparse.Namespace) -> Self:
         """As the command line says."""

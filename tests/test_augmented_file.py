@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Glitch, Magnitude, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Bank, Member
+from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.noise import Noise

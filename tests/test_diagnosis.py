@@ -11,11 +11,12 @@ import pandas as pd
 import pytest
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.bases import Power, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path, lagged
-from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
 from rlgcomp.diagnosis.regions import Setting

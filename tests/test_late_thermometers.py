@@ -11,13 +11,14 @@ import pandas as pd
 import pytest
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Power
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.errors import errors_of
-from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.lateness import Late, Prediction, late_bases, late_form, late_regions, white_noise
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.recording import Metadata, Recording

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Moment, Power, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Plays
 from rlgcomp.diagnosis.mismatch import p_value, parts, statistics, tail_probability

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.bases import Power
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Bank
 from rlgcomp.diagnosis.selections import EachRun, OnlyIn, selections
 from rlgcomp.diagnosis.terms import Form
 

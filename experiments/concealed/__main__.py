@@ -57,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     run, lost = (functools.partial(function, function=options.diagnose) for function in (run_case, died))
     cases = {key_of(one, options.diagnose): one for one in plans}
     rows = Work.of(options).rows(run, cases, died=lost, describe=page.mark)
-    print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(sys.argv[1:] if argv is None else argv)}`\n")
+    own = Work.without_options(sys.argv[1:] if argv is None else argv)
+    print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(own)}`\n")
     if options.tuning:
         print("These cases are for tuning: what is tuned on them is shown on others, of other seeds (without `--tuning`).\n")
     else:

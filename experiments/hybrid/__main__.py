@@ -147,8 +147,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     pieces = [(kind, number, options.law) for kind, count in counts.items() for number in range(count)]
     pieces += [(form, number, "") for form in FORMS for number in range(options.cases)]
     made = Work.of(options).results("hybrid", _piece, pieces)
-    own = sys.argv[1:] if argv is None else argv
-    show(pieces, made, [word for word in own if word != "--resume"])
+    own = Work.without_options(sys.argv[1:] if argv is None else argv)
+    show(pieces, made, own)
 
 
 def show(pieces: Sequence[tuple[str, int, str]], rows: Sequence[dict[str, Any]], argv: Sequence[str]) -> None:

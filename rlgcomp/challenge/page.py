@@ -35,7 +35,7 @@ _MOST_RUNS: Final = {"train": 1, "test": 3}
 
 
 @dataclasses.dataclass(frozen=True)
-class Course:
+class Contributions:
     """Contributions in deg/h to a run over time, their means removed."""
 
     title: str
@@ -72,7 +72,7 @@ def page_of(revealed: Revealed, challenge: Path, diagnosis: Path) -> Results:
     if score.overlap is not None:
         facts.append(("Place", f"{percent_text(score.overlap)} overlap of the times named with the times in which it acted most"))
     facts.append(("Sealed truth", f"SHA-256 {revealed.truth_sha256}: compare it with a copy made before the diagnosis"))
-    courses = _courses(revealed, challenge, diagnosis)
+    panels = _panels(revealed, challenge, diagnosis)
     note = (
         "Contribution to each run, its mean removed. A part that the simulator's own free numbers can imitate is calibrated into "
         "them, so that the two lines may differ by a smooth function of temperature."
@@ -85,7 +85,7 @@ def page_of(revealed: Revealed, challenge: Path, diagnosis: Path) -> Results:
         headline=(),
         facts=tuple(facts),
         sections=(
-            *((Section("Concealed and found over time", (_figure(courses), note)),) if courses else ()),
+            *((Section("Concealed and found over time", (_figure(panels), note)),) if panels else ()),
             Section(
                 "Parameters",
                 (
@@ -143,7 +143,7 @@ def _in_use(name: str, values: Mapping[str, Any] | None) -> tuple[dict[str, floa
     return {one.name: values[one.name] for one in used if isinstance(values.get(one.name), int | float)}, units
 
 
-def _courses(revealed: Revealed, challenge: Path, diagnosis: Path) -> list[Course]:
+def _panels(revealed: Revealed, challenge: Path, diagnosis: Path) -> list[Contributions]:
     """Contributions to a training run and to the runs held out.
 
     Empty where a cause is none of the catalogue or differs from run to run, or the augmented simulator is not there.
@@ -154,16 +154,16 @@ def _courses(revealed: Revealed, challenge: Path, diagnosis: Path) -> list[Cours
         concealed = [CATALOGUE[name].from_mapping(values) for name, values in revealed.hidden.items()]
         own = {one.name for one in Simulator.from_yaml(challenge / SIMULATOR).mechanisms}
         added = [one for one in Simulator.from_yaml(folder / _AUGMENTED).mechanisms if one.name not in own]
-        courses = []
+        panels = []
         for part, role in (("train", "training"), ("test", "held out")):
             for name in content[part][: _MOST_RUNS[part]]:
                 run = read(challenge / name)
                 step = max(1, len(run) // _POINTS)
                 lines = [_sum(mechanisms, run)[::step] for mechanisms in (concealed, added)]
-                courses.append(Course(f"{Path(name).stem} ({role})", run.column("time_s")[::step], *lines))
+                panels.append(Contributions(f"{Path(name).stem} ({role})", run.column("time_s")[::step], *lines))
     except (KeyError, InputError):
         return []
-    return courses if any(np.ptp(line) > 0.0 for one in courses for line in (one.concealed, one.found)) else []
+    return panels if any(np.ptp(line) > 0.0 for one in panels for line in (one.concealed, one.found)) else []
 
 
 def _sum(mechanisms: Sequence[Mechanism], run: Recording) -> Array:
@@ -176,16 +176,16 @@ def _sum(mechanisms: Sequence[Mechanism], run: Recording) -> Array:
     return total - total.mean()
 
 
-def _figure(courses: Sequence[Course]) -> Picture:
+def _figure(panels: Sequence[Contributions]) -> Picture:
     """Concealed and found over time, a panel a run."""
-    longest_s = max(float(np.ptp(one.time_s)) for one in courses)
+    longest_s = max(float(np.ptp(one.time_s)) for one in panels)
     unit_s, label = time_axis(longest_s)
-    largest = max(float(np.abs(line).max()) for one in courses for line in (one.concealed, one.found))
+    largest = max(float(np.abs(line).max()) for one in panels for line in (one.concealed, one.found))
     scale, unit = power(largest, "deg/h")
     with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.7 + _PANEL_IN * len(courses)), layout="constrained")
-        axes = np.atleast_1d(np.asarray(figure.subplots(len(courses), 1, sharex=True)))
-        for axis, one in zip(axes, courses, strict=True):
+        figure = Figure(figsize=(WIDTH_IN, 0.7 + _PANEL_IN * len(panels)), layout="constrained")
+        axes = np.atleast_1d(np.asarray(figure.subplots(len(panels), 1, sharex=True)))
+        for axis, one in zip(axes, panels, strict=True):
             at = (one.time_s - one.time_s[0]) / unit_s
             axis.plot(at, scale * one.found, color=FIT, lw=2.0, label="found")
             axis.plot(at, scale * one.concealed, "--", color=INK, lw=1.4, label="concealed (the truth)")
@@ -198,5 +198,5 @@ def _figure(courses: Sequence[Course]) -> Picture:
             "concealed-and-found",
             "Concealed and found",
             f"Contribution in deg/h against time, of what was found and, dashed, of what was concealed; runs: "
-            f"{', '.join(one.title for one in courses)}",
+            f"{', '.join(one.title for one in panels)}",
         )

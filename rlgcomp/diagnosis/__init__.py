@@ -4,7 +4,7 @@
 
 Rooms, each importing only from those before it:
     priors      every number of the prior, with its reason
-    readings    noise and rounding of what is read, and the smooth behind it
+    readings    noise and rounding of what is read, and the course behind it (`numerics/readings.py`, `numerics/courses.py`)
     data        window means of runs, and their columns on a finer grid
     hashed      hashes of frozen objects, kept
     drivers     what acts: recorded columns, differences, time since switch-on
@@ -22,8 +22,11 @@ Rooms, each importing only from those before it:
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
     identities  columns that are readings of the output, and so no cause
+    bank        window means of bases, computed once
     evidence    the evidence of a set of forms in closed form
     screen      the evidence of many forms at once
+    variants    of forms that differ in a basis or two
+    pairs       of pairs of forms
     members     a member of a set: chosen, polished, grown
     search      sets of regions
     telegraph   a two-state process beside a set
@@ -34,7 +37,7 @@ Rooms, each importing only from those before it:
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
     findings    members with their parameters and their functions as tables
     scores      runs before and after
-    record      the data of a diagnosis; remarks, text, pictures and page read it
+    record      the data of a diagnosis; remarks, symbols, text, pictures and page read it
     result      the diagnosis as scripts use it
     table_programmes  programmes of a turntable
     design      the next experiment

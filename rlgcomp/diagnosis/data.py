@@ -169,11 +169,12 @@ class Run:
         binned = whole if grid.bin_s <= 1.5 * whole.period_s else whole.averaged(grid.bin_s)
         fixed = {TIME, *binned.gyro_columns, *outputs}
         listed = [column for column in binned.columns if column in whole and column not in fixed]
-        turning = [column for column in listed if column in (RATE, *ANGLES)]
-        monitors = [column for column in listed if column not in turning]
-        readings = {column: Readings.of(whole.column(column), binned.column(column)) for column in turning}
-        readings |= readings_of(*({column: one.column(column) for column in monitors} for one in (whole, binned)))
-        smooth = {column: one.values for column, one in readings.items() if column not in (RATE, *ANGLES)}  # a table may jump
+        monitors = [column for column in listed if column not in (RATE, *ANGLES)]  # a table may jump
+        readings = readings_of(*({column: one.column(column) for column in monitors} for one in (whole, binned)))
+        smooth = {column: one.values for column, one in readings.items()}
+        readings |= {
+            column: Readings.of(whole.column(column), binned.column(column)) for column in listed if column not in monitors
+        }
         binned = binned.replace(table=binned.table.assign(**smooth))
         place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)
         windows = max(1, (int(place[-1]) + 1) // grid.bins)

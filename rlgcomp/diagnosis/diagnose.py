@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.black_box import BlackBox
@@ -17,7 +18,6 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
 from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.evidence import Bank
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.identities import Identity, identities, without_identities
 from rlgcomp.diagnosis.noise import Noise

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -145,16 +145,16 @@ def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
 def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Array:
     """Covariance of what errors of a column bring."""
     readings = run.readings[column]
-    variance, width = run.on_bins(readings.variance), run.means(run.on_bins(readings.widths))
-    size = math.sqrt(float(variance.mean()) + readings.step**2 / 12.0)
+    size = math.sqrt(float(run.on_bins(readings.variance).mean()) + readings.step**2 / 12.0)
     if size == 0.0:
-        return np.zeros((len(width), len(width)))
+        return np.zeros((len(run.output), len(run.output)))
     signs, above, below = _moved(run, column, size)
     slope = (predicted(above) - predicted(below)) * signs / (2.0 * size)
     covariances = _covariances(run, column)
     if covariances is not None:
-        together = run.means(slope)
-        return np.asarray(np.outer(together, together) * covariances[0])
+        scale = run.means(slope)
+        return np.asarray(np.outer(scale, scale) * covariances[0])
+    variance, width = run.on_bins(readings.variance), run.means(run.on_bins(readings.widths))
     together = np.minimum(1.0, np.maximum(1.0, 2.0 * math.sqrt(math.pi) * width) / run.grid.bins)
     scale = np.sqrt(run.means(slope**2 * variance) * together) * np.where(run.means(slope) < 0.0, -1.0, 1.0)
     rounding = run.means(slope * np.sqrt(run.on_bins(readings.rounding)))
@@ -204,16 +204,29 @@ def _alike(run: Run, step: float, values: Array) -> Array:
 
 def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
     """Covariance of what errors of a slope bring."""
-    from scipy.ndimage import gaussian_filter1d
-
     values = rate.values(run)
     up, down = (
         predicted(dataclasses.replace(run, cache=run.cache | {rate: values + side}, derived={})) for side in (_MOVED, -_MOVED)
     )
-    slope = run.means((up - down) / (2.0 * _MOVED))
-    bins = max(3, round(rate.time_s / run.grid.bin_s) | 1)
-    all_readings = [run.readings[column] for column in rate.driver.columns]
-    width = max(float(np.median(readings.widths)) for readings in all_readings)
+    scale = run.means((up - down) / (2.0 * _MOVED)) / (rate.driver.half * rate.half)
+    total, smoothed = np.zeros((len(scale), len(scale))), []
+    for column in rate.driver.columns:
+        covariances = _covariances(run, column)
+        if covariances is None:
+            smoothed.append(column)
+        else:
+            total += covariances[1] / (run.grid.bin_s / 60.0) ** 2
+    if smoothed:
+        total += _of_slope(run, smoothed, rate.time_s)
+    return np.asarray(np.outer(scale, scale) * total)
+
+
+def _of_slope(run: Run, columns: Sequence[str], time_s: float) -> Array:
+    """Covariance of errors of the slope of a sum of columns that are smoothed, over windows of a length, per minute."""
+    from scipy.ndimage import gaussian_filter1d
+
+    bins = max(3, round(time_s / run.grid.bin_s) | 1)
+    width = max(float(np.median(run.readings[column].widths)) for column in columns)
     line = np.arange(bins) - 0.5 * (bins - 1)
     kernel = np.pad(line / np.sum(line**2) / (run.grid.bin_s / 60.0), math.ceil(4.0 * width))
     kernel = gaussian_filter1d(kernel, width) if width else kernel
@@ -222,29 +235,24 @@ def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
     for lag in range(min(len(by_lag), len(kernel) // run.grid.bins + 1)):
         shift = lag * run.grid.bins
         by_lag[lag] = float(kernel[shift:] @ kernel[: len(kernel) - shift])
-    variance, of_courses = np.zeros(len(slope)), np.zeros((len(slope), len(slope)))
-    for readings, column in zip(all_readings, rate.driver.columns, strict=True):
-        covariances = _covariances(run, column)
-        if covariances is not None:
-            scale = slope / (run.grid.bin_s / 60.0) / (rate.driver.half * rate.half)
-            of_courses += np.outer(scale, scale) * covariances[1]
-            continue
-        path = run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(run.column(column))))])
+    variance = np.zeros(len(run.output))
+    for readings, values in ((run.readings[column], run.column(column)) for column in columns):
+        path = run.means(np.r_[0.0, np.cumsum(np.abs(np.diff(values)))])
         way = np.gradient(path) if len(path) > 1 else np.zeros_like(path)
         moving = 1.0 - np.exp(-way / (_CORRELATED * readings.step)) if readings.step else 0.0
-        variance += (readings.noise + float(readings.rounding.mean()) * moving) / (rate.driver.half * rate.half) ** 2
-    scale = slope * np.sqrt(variance)
-    return np.asarray(of_courses + np.outer(scale, scale) * by_lag[np.abs(np.subtract.outer(run.windows, run.windows))])
+        variance += readings.noise + float(readings.rounding.mean()) * moving
+    spread = np.sqrt(variance)
+    return np.asarray(np.outer(spread, spread) * by_lag[np.abs(np.subtract.outer(run.windows, run.windows))])
 
 
 def _covariances(run: Run, column: str) -> tuple[Array, Array] | None:
     """Of the errors of a course and of its rate over one bin, in the counted windows; None where the column has no posterior."""
-    kept: dict[object, Any] = run.derived
     key = ("covariances", column)
-    if key not in kept:
+    if key not in run.derived:
         found = run.readings[column].covariances(run.window_of_recorded, len(run.full))
-        kept[key] = None if found is None else tuple(one[np.ix_(run.full, run.full)] for one in found)
-    return kept[key]
+        run.derived[key] = None if found is None else tuple(one[np.ix_(run.full, run.full)] for one in found)
+    covariances: tuple[Array, Array] | None = run.derived[key]
+    return covariances
 
 
 def _within(one: object) -> Iterator[Any]:

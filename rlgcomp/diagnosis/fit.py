@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis, Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.clocks import CLOCK, Offset
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.evidence import Bank, Evidence, Member
+from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.lateness import LATE_THERMOMETER, Late
 from rlgcomp.diagnosis.search import State
 from rlgcomp.diagnosis.selections import BY_RUN, parameter_by_run

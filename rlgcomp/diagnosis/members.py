@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.evidence import Bank, Conditional, Evidence, Member, Set
+from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.evidence import Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.hypotheses import Hypotheses
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Screen

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Bank, Evidence, Set
+from rlgcomp.diagnosis.evidence import Evidence, Set
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Panel, Products, Screen

@@ -10,7 +10,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from rlgcomp.diagnosis.evidence import Bank
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.mismatch import screened
 from rlgcomp.diagnosis.screen import Layout
 from rlgcomp.diagnosis.search import Key, Search, State

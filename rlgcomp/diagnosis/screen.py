@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.bases import Basis
-from rlgcomp.diagnosis.evidence import Bank, Conditional, Evidence
+from rlgcomp.diagnosis.evidence import Conditional, Evidence
 from rlgcomp.diagnosis.noise import Noise, Whitened
 from rlgcomp.diagnosis.terms import Form
 

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors, columns_of
-from rlgcomp.diagnosis.evidence import LOG_SIZE, Bank, Conditional, Member, Set
+from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Member, Set
 from rlgcomp.diagnosis.lateness import LATE, Prediction, late_bases, late_form, white_noise
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.noise import Noise

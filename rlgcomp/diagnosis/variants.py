@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.evidence import Conditional, Scaled, Shared
+from rlgcomp.diagnosis.bank import Scaled
+from rlgcomp.diagnosis.evidence import Conditional, Shared
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]

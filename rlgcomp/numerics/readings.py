@@ -14,8 +14,9 @@ A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparamet
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final, Self
 
 import numpy as np
@@ -105,8 +106,8 @@ class Readings:
     def _behind(cls, course: Course, each: int) -> Self:
         """From a course at so many readings of each bin."""
         values, variance = (one.reshape(-1, each).mean(axis=1) for one in (course.values, course.variances))
-        nothing = np.zeros(len(values))
-        return cls(values, variance, nothing, 0.0, 0.0, nothing, course, each)
+        zeros = np.zeros(len(values))
+        return cls(values, variance, zeros, 0.0, 0.0, zeros, course, each)
 
     def covariances(self, window: IntArray, count: int) -> tuple[Array, Array] | None:
         """Covariances over windows of the errors of a course and of its rate over one bin; None where it is no posterior.
@@ -137,24 +138,26 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
     binned : mapping of str to ndarray, shape (bins,)
         Their means over bins.
     """
-    alone = {name: Readings.of(full[name], values, diffuses=diffuses(name)) for name, values in binned.items()}
-    spreads = {name: spread for name, one in alone.items() if (spread := float(np.std(one.values))) > 0.0}
-    found = {}
-    for name, one in alone.items():
-        others = {other: alone[other].values / spread for other, spread in spreads.items() if other != name}
-        if (
-            diffuses(name)
-            or one.course is not None
-            or one.step
-            or not one.noise
-            or not others
-            or not np.all(np.isfinite(list(others.values())))
-        ):
-            found[name] = one
-            continue
-        errors = [float(np.mean(alone[other].variance + alone[other].rounding)) / spreads[other] ** 2 for other in others]
-        values, variance, widths = smoothed(binned[name], one.noise, np.column_stack(list(others.values())), np.array(errors))
-        found[name] = dataclasses.replace(one, values=values, variance=variance, widths=widths)
+    found = {name: Readings.of(full[name], values, diffuses=diffuses(name)) for name, values in binned.items()}
+    spreads = {name: spread for name, one in found.items() if (spread := float(np.std(one.values))) > 0.0}  # finite ones alone
+    courses = np.column_stack(
+        [np.empty((len(next(iter(binned.values()), ())), 0)), *(found[k].values / spreads[k] for k in spreads)]
+    )
+    errors = np.array([float(np.mean(found[k].variance + found[k].rounding)) / spreads[k] ** 2 for k in spreads])
+
+    @functools.cache
+    def detail(width: float) -> Array:
+        return np.asarray(courses - gaussian_means(courses, width)[0])
+
+    noisy = [name for name, one in found.items() if one.noise and not one.step and not diffuses(name)]
+    for name in noisy if len(spreads) > 1 else ():
+        others = np.array([other != name for other in spreads])
+
+        def detail_of_others(width: float, others: npt.NDArray[np.bool_] = others) -> Array:
+            return detail(width)[:, others]
+
+        values, variance, widths = smoothed(binned[name], found[name].noise, detail_of_others, errors[others])
+        found[name] = dataclasses.replace(found[name], values=values, variance=variance, widths=widths)
     return found
 
 
@@ -193,7 +196,7 @@ def _few_steps(values: Array, step: float, diffuses: bool) -> bool:
 
 
 def smoothed(
-    values: Array, variance: float, others: Array | None = None, errors: Array | None = None
+    values: Array, variance: float, detail: Callable[[float], Array] | None = None, errors: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """The smooth of a series whose noise has a variance, the variance of what it leaves, and the widths used; shapes (n,).
 
@@ -201,14 +204,14 @@ def smoothed(
     ----------
     values : ndarray, shape (n,)
     variance : float
-    others : ndarray, shape (n, k), optional
-        Courses of other columns. What is linear in their detail is no noise, so a wider smooth is left for the rest (P. Speckman,
-        "Kernel smoothing in partial linear models", J. R. Stat. Soc. B 50, 413 (1988)).
+    detail : callable, optional
+        From a width to what a smooth of it leaves of other columns' courses, shape (n, k). What is linear in it is no noise, so a
+        wider smooth is left for the rest (P. Speckman, "Kernel smoothing in partial linear models", J. R. Stat. Soc. B 50, 413
+        (1988)).
     errors : ndarray, shape (k,), optional
-        Their variances.
+        Variances of these courses.
     """
     n = len(values)
-    others = np.empty((n, 0)) if others is None else others
     smooth, left, widths = values, np.full(n, variance), np.zeros(n)
     if variance <= 0.0:
         return smooth, left, widths
@@ -218,12 +221,12 @@ def smoothed(
             break
         found, own = gaussian_means(values, width)
         least = variance / (2.0 * math.sqrt(math.pi) * width)
-        if others.shape[1]:
-            detail = others - gaussian_means(others, width)[0]
-            weights = np.linalg.lstsq(detail, values - found, rcond=1e-9)[0]
-            found = found + detail @ weights
-            own += others.shape[1] / n
-            least += 0.0 if errors is None else float(weights**2 @ errors)
+        if detail is not None and errors is not None:
+            columns = detail(width)
+            weights = np.linalg.lstsq(columns, values - found, rcond=1e-9)[0]
+            found = found + columns @ weights
+            own += len(errors) / n
+            least += float(weights**2 @ errors)
         risk = float(np.mean((values - found) ** 2)) + variance * (2.0 * own - 1.0)
         tried.append((width, found, risk, min(least, variance)))
     best = min(range(len(tried)), key=lambda k: tried[k][2])
