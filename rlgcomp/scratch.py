@@ -1,9 +1,10 @@
 """Scratch folders, in which outputs are made before they take their names, and the removal of those that a killed process left.
 
 A scratch folder lies beside the output, is called `.rlgcomp-` and some letters, and is locked by its process: one that nobody locks
-is of a process that died, and the next writer into that place removes it. Outputs are flushed to the disk before they are renamed.
-Several files that belong together are published by renaming their scratch folder to `.rlgcomp-publish-` and some letters, which
-decides that they replace the earlier ones; whoever looks next finishes what a kill interrupted after that.
+is of a process that died, and the next writer into that place removes it. Outputs are flushed to the disk before they are renamed,
+those within another output's scratch once, with that output. Several files that belong together are published by renaming their
+scratch folder to `.rlgcomp-publish-` and some letters, which decides that they replace the earlier ones; whoever looks next
+finishes what a kill interrupted after that.
 """
 
 from __future__ import annotations
@@ -58,13 +59,14 @@ def temporary_folder(parent: str | Path | None = None) -> Iterator[Path]:
 def publish(path: Path) -> None:
     """A file or a folder in a scratch folder takes its place beside that folder: at once, whatever stood there."""
     place = path.parent.parent / path.name
-    flush(path)
+    if not _is_scratch(place.parent):
+        flush(path)
     if not (path.is_dir() and place.exists()):
         os.replace(path, place)
     elif not exchange(path, place):
         _publish_together(path.parent)
         return
-    _flush_one(place.parent)
+    _flush_names(place.parent)
 
 
 def publish_all(scratch: Path) -> None:
@@ -72,7 +74,8 @@ def publish_all(scratch: Path) -> None:
     if len(paths := list(scratch.iterdir())) == 1:
         publish(paths[0])
         return
-    flush(scratch)
+    if not _is_scratch(scratch.parent):
+        flush(scratch)
     _publish_together(scratch)
 
 
@@ -97,15 +100,36 @@ def _is_own_folder(entry: os.DirEntry[str]) -> bool:
     return entry.is_dir(follow_symlinks=False) and (os.name == "nt" or entry.stat(follow_symlinks=False).st_uid == os.geteuid())
 
 
+def _is_scratch(folder: Path) -> bool:
+    """Whether a folder is scratch or lies in it: what it holds is flushed when that scratch is published."""
+    return any(part.startswith(PREFIX) for part in folder.parts)
+
+
 def flush(path: Path) -> None:
     """Write a file, or a folder with all it holds, through to the disk."""
     if path.is_dir():
-        for parent, _, files in os.walk(path):
-            for name in files:
-                _flush_one(Path(parent, name))
+        files = [Path(parent, name) for parent, _, names in os.walk(path) for name in names]
+        for file in files:
+            _begin_flush(file)
+        for file in files:
+            _flush_one(file)
+        for parent, _, _ in os.walk(path):
             _flush_one(Path(parent))
     else:
         _flush_one(path)
+
+
+def _begin_flush(path: Path) -> None:
+    """Have the system begin to write a file, so that it writes many at once instead of one after the other."""
+    if hasattr(os, "posix_fadvise"):
+        with contextlib.suppress(OSError), open(path, "rb") as stream:
+            os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+def _flush_names(folder: Path) -> None:
+    """Write the names in a folder through to the disk, unless it is scratch."""
+    if not _is_scratch(folder):
+        _flush_one(folder)
 
 
 def _flush_one(path: Path) -> None:
@@ -128,7 +152,7 @@ def _publish_together(scratch: Path) -> None:
     decided = scratch.with_name(scratch.name.replace(PREFIX, PUBLISHED, 1))
     os.replace(scratch, decided)
     try:
-        _flush_one(decided.parent)
+        _flush_names(decided.parent)
         _finish(decided)
     except OSError:  # decided is decided: one more attempt, after which the next to look here goes on
         _finish(decided)
@@ -144,7 +168,7 @@ def _finish(decided: Path) -> None:
             (decided / _RETIRED).mkdir(exist_ok=True)
             os.replace(place, decided / _RETIRED / path.name)
         os.replace(path, place)
-    _flush_one(decided.parent)
+    _flush_names(decided.parent)
     _remove(decided)
 
 

@@ -24,9 +24,6 @@ from multiprocessing.context import BaseContext
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-import joblib
-from threadpoolctl import threadpool_limits
-
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.worker_processes import end_with_starter
 from rlgcomp.scratch import temporary_folder
@@ -112,6 +109,8 @@ def _by_itself(work: Callable[[T], R], piece: T) -> R:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
+    from threadpoolctl import threadpool_limits
+
     with _environment({"NUMBA_NUM_THREADS": "1"}), threadpool_limits(1):
         yield
 
@@ -205,6 +204,8 @@ def _numbered(k: int, work: bytes, piece: bytes) -> bytes:
 
 def _pickled(value: object) -> bytes:
     """As bytes, also where it is of a function or a class of a script or a notebook."""
+    import joblib  # once the server has begun with its own imports
+
     return pickle.dumps(joblib.wrap_non_picklable_objects(value, keep_wrapper=False))
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from rlgcomp import scratch
 from rlgcomp.errors import InputError
-from rlgcomp.files import require_folder, require_replaceable, whole_file, whole_folder, write_result
+from rlgcomp.files import require_folder, require_replaceable, whole_file, whole_folder, write_result, write_text
 from rlgcomp.scratch import PREFIX, recover
 
 
@@ -239,3 +239,25 @@ def test_scratch_in_a_folder_that_is_to_be_replaced_is_not_foreign(tmp_path: Pat
     (folder / "mine.txt").write_text("x")
     with pytest.raises(InputError, match=r"holds mine\.txt, which an earlier run did not write"):
         require_folder(folder, writes=("result.json",))
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="no names of open files here")
+def test_what_is_written_within_scratch_is_flushed_once_before_the_whole_takes_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flushed: list[str] = []
+    fsync, place = os.fsync, tmp_path / "out"
+
+    def recorded(handle: int) -> None:
+        flushed.append(f"{Path(f'/proc/self/fd/{handle}').resolve().name} {place.exists()}")
+        fsync(handle)
+
+    monkeypatch.setattr(os, "fsync", recorded)
+    with whole_folder(place, writes=("mine",)) as folder:
+        with whole_folder(folder / "inner", writes=("theirs",)) as inner:
+            (inner / "theirs").write_text("new")
+            (inner.parent / "beside").write_text("new")
+        write_text(folder / "mine", "new")
+    assert names(place) == {"inner/theirs", "beside", "mine"}
+    assert sorted(flushed[:-1]) == ["beside False", "inner False", "mine False", "out False", "theirs False"]
+    assert flushed[-1] == f"{tmp_path.name} True"

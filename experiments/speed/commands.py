@@ -5,11 +5,10 @@ from __future__ import annotations
 import functools
 import hashlib
 import itertools
-import os
+import json
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -27,20 +26,30 @@ from rlgcomp.simulation.two_axis_table import PROGRAMMES, drawn_triads
 
 GYROS: Final = 20  # whose files a fleet's units have in turn
 _CUBIC: Final = ("--model", "cubic", "--features", "temperature")
+_TIMING: Final = """
+import contextlib, ctypes, json, os, resource, subprocess, sys, time
+with contextlib.suppress(AttributeError, OSError):
+    ctypes.CDLL(None).prctl(36, 1)  # PR_SET_CHILD_SUBREAPER of Linux: workers of a server become children of this process
+began = time.perf_counter()
+done = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL)
+wall_s = time.perf_counter() - began
+with contextlib.suppress(ChildProcessError):
+    while True:
+        os.wait()
+spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([wall_s, spent.ru_utime + spent.ru_stime]))
+sys.exit(done.returncode)
+"""
 _FOLDERS: Final[list[tempfile.TemporaryDirectory[str]]] = []
 
 
 def timed_command(*arguments: object) -> Timed:
     """Time of a command of ours in a process of its own, that of the processes that it starts included; its result is None."""
     code = "from rlgcomp.cli import main; main()"
-    cpu, wall = _of_children(), time.perf_counter()
-    subprocess.run([sys.executable, "-c", code, *map(str, arguments)], capture_output=True, check=True)  # noqa: S603
-    return Timed(None, time.perf_counter() - wall, _of_children() - cpu)
-
-
-def _of_children() -> float:
-    spent = os.times()
-    return spent.children_user + spent.children_system
+    command = [sys.executable, "-c", _TIMING, sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, check=True)  # noqa: S603
+    wall_s, cpu_s = json.loads(done.stdout)
+    return Timed(None, wall_s, cpu_s)
 
 
 def _folder() -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import logging
 import platform
@@ -64,14 +65,16 @@ class Fitted(Protocol):
 Compensation = TypeVar("Compensation", bound=Fitted)
 
 
+_version = functools.cache(importlib.metadata.version)  # which reads a file each time
+
+
 def manifest_of(compensator: Fitted) -> dict[str, Any]:
     """Description of a fitted compensator and of its training, as plain data; without the numbers of its model."""
     scaling, specification = compensator.scaling_, compensator.specification_
     return {
         "created": made_at(),
         "provenance": provenance() | {"inputs": {run["run"]: run["sha256"] for run in compensator.provenance_ if "sha256" in run}},
-        "versions": {"python": platform.python_version()}
-        | {name: importlib.metadata.version(name) for name in ("rlgcomp", "numpy", "scikit-learn")},
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in ("rlgcomp", "numpy", "scikit-learn")},
         "model": {"name": type(compensator.model_).__name__ if specification is None else specification.name},
         "features": compensator.pipeline_.to_list(),
         "inputs": list(compensator.pipeline_.names),
