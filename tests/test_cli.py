@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.diagnosis.diagnose import diagnose
 from tests.own_mechanism import write_bellows
 
 COMMANDS = ["demo", "inspect", "simulate", "mechanisms", "predict", "train", "evaluate", "compensate", "allan"]
@@ -114,9 +115,10 @@ def test_the_version_is_printed() -> None:
 
 
 def test_the_whole_way(folder: Path, tmp_path: Path) -> None:
-    result = run("evaluate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "report", "--no-comparison")
+    result = run("evaluate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "report")
     assert result.exit_code == 0
     assert "Bias stability held out" in result.output
+    assert "By feature and model" in result.output
     assert {item.name for item in (tmp_path / "report").iterdir()} == {"report.html", "evaluation.json", "figures"}
     result = run("compensate", folder / "model", folder / "run3.parquet", "--out", tmp_path / "clean.csv.gz")
     assert result.exit_code == 0
@@ -358,7 +360,10 @@ def test_a_simulator_file_is_not_written_over(
     assert (tmp_path / "gyro.yaml").read_text() == SIMULATOR
 
 
-def test_a_command_replaces_what_it_wrote_and_nothing_else(folder: Path, tmp_path: Path) -> None:
+def test_a_command_replaces_what_it_wrote_and_nothing_else(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rlgcomp.export.toolchain.TOOLCHAINS", ())
     shutil.copytree(folder / "model", tmp_path / "a" / "model")
     shutil.copy(folder / "run3.parquet", tmp_path / "a" / "run3.parquet")
     model, report = tmp_path / "a" / "model", tmp_path / "report"
@@ -480,7 +485,14 @@ def test_it_is_quiet_where_there_is_no_terminal(folder: Path) -> None:
     assert "\x1b" not in done.stdout
 
 
-def test_demo_quick(tmp_path: Path) -> None:
+def test_demo_quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+
+    def kept(*arguments: object, **options: object) -> rlg.Diagnosis:
+        found.append(diagnose(*arguments, **options))
+        return found[0]
+
+    monkeypatch.setattr("rlgcomp.diagnosis.diagnose.diagnose", kept)
     result = run("demo", "--quick", "--out", tmp_path / "demo", "--json")
     assert result.exit_code == 0, result.output
     reported = json.loads(result.stdout)
@@ -510,6 +522,7 @@ def test_demo_quick(tmp_path: Path) -> None:
     added = {m.name for m in augmented.mechanisms} - {m.name for m in lacking.mechanisms}
     assert added - {"tabulated_law"} <= {reported["concealed"]}  # the equation where it expresses the law, else the law as a table
     assert added
+    monkeypatch.setattr("rlgcomp.diagnosis.diagnose.diagnose", lambda *_, **__: found[0])
     again = run("demo", "--quick", "--out", tmp_path / "demo")  # its own folder may be made again
     assert again.exit_code == 0, again.output
     assert reported["diagnosis"]["sentence"] in " ".join(again.stdout.split())
