@@ -360,9 +360,7 @@ def test_a_simulator_file_is_not_written_over(
     assert (tmp_path / "gyro.yaml").read_text() == SIMULATOR
 
 
-def test_a_command_replaces_what_it_wrote_and_nothing_else(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_replaces_what_it_wrote_and_nothing_else(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rlgcomp.export.toolchain.TOOLCHAINS", ())
     shutil.copytree(folder / "model", tmp_path / "a" / "model")
     shutil.copy(folder / "run3.parquet", tmp_path / "a" / "run3.parquet")
