@@ -1,4 +1,4 @@
-"""How near the LS-SVM on all features comes to the noise floor, on a chamber programme it was not trained on.
+"""How near the default model on all features comes to the noise floor, on a chamber programme it was not trained on.
 
     python -m experiments.noise_floor --units 10
 

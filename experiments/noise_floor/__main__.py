@@ -10,6 +10,7 @@ import numpy as np
 
 import rlgcomp as rlg
 from experiments.work import Work
+from rlgcomp.compensation.models import DEFAULT
 
 LAWS = ("play", "preisach", "bouc_wen")
 TRAINING = {"paper twice": ("paper", "paper"), "paper and minor-loops": ("paper", "minor-loops")}
@@ -30,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--units", type=int, default=10, help="simulated gyro units (default 10)")
     Work.add_options(parser, "noise_floor")
     options = parser.parse_args(argv)
-    print(f"# LS-SVM on all features, held out on the programme '{HELD_OUT}', {options.units} units\n")
+    print(f"# {DEFAULT} on all features, held out on the programme '{HELD_OUT}', {options.units} units\n")
     print("| hysteresis | trained on | raw, deg/h, mean | residual / noise floor, mean | min | max |\n|---|---|---|---|---|---|")
     cases = list(itertools.product(LAWS, TRAINING))
     pieces = [(seed, law, TRAINING[name]) for law, name in cases for seed in range(options.units)]

@@ -76,6 +76,11 @@ class Border:
         """Take the border out of a kernel matrix in place: F become eigenvectors of one value. That value, and F^T Omega before."""
         level = float(np.diag(gram).mean())
         across = self.basis.T @ gram
+        if self.intercept_alone:  # of constant columns means are enough, in place
+            means = across[0] / np.sqrt(len(gram))
+            gram -= means
+            gram += (means.mean() + level / len(gram) - means)[:, None]
+            return level, across
         gram -= self.basis @ across
         gram -= (across.T - self.basis @ (across @ self.basis + level * np.eye(len(across))).T) @ self.basis.T
         return level, across

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.models.border import Border
-from rlgcomp.compensation.models.run_biases import gain, indicator, restricted_likelihood
+from rlgcomp.compensation.models.run_biases import contrasts, root_of_likeliest_gain
 from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import eigh, pivoted_cholesky, tridiagonal
 
@@ -132,24 +132,23 @@ class EigenPath:
         self.c, self.gain = c, self.values / shifted if self.low_rank else 1.0 / shifted  # of H^-1, or of I - H^-1 / c
         self.shares = 1.0 / (level + 1.0 / c)  # of F F^T in H'^-1
         self.alpha = self._applied(self.border.without(y))
-        self.runs: tuple[Array, Array] | None = None
+        self.runs: Array | None = None
         of_runs = np.zeros((len(c), F.shape[1]))
         if runs is not None and len(np.unique(runs)) > 1:
-            of_runs = self._add_run_biases(indicator(runs), y)
+            of_runs = self._add_run_biases(contrasts(runs), y)
         # H alpha + F beta = y, with the runs' biases, and F^T alpha = 0
         coefficients = (F.T @ y - self.alpha @ across.T - of_runs) @ self.border.back.T
         self.intercept, self.slopes = coefficients[:, 0], coefficients[:, 1:]
 
     def _add_run_biases(self, Z: Array, y: Array) -> Array:
-        """C Z and the gain K, and the solution with them; F^T Z b_r, shape (m, p)."""
+        """C Z S, with the gain K = S S^T, and the solution with the runs' biases; F^T Z b_r, shape (m, p)."""
         columns = np.stack([self._applied(column) for column in self.border.without(Z).T], axis=2)
-        M, g = np.einsum("ni,mnj->mij", Z, columns), self.alpha @ Z
-        rows = len(y) - self.border.basis.shape[1] + 1
-        K = gain(restricted_likelihood(M, g, self.alpha @ y, rows), M)
-        self.runs = columns, K
-        rho_effect = np.einsum("mij,mj->mi", K, g)
-        self.alpha = self.alpha - np.einsum("mni,mi->mn", columns, rho_effect)
-        return np.asarray(rho_effect @ (self.border.basis.T @ Z).T)
+        M, g = Z.T @ columns, self.alpha @ Z
+        S = root_of_likeliest_gain(M, g, self.alpha @ y, len(y) - self.border.basis.shape[1] + 1)
+        self.runs = columns @ S
+        effect = (S @ (S.transpose(0, 2, 1) @ g[:, :, None]))[:, :, 0]
+        self.alpha = self.alpha - (columns @ effect[:, :, None])[:, :, 0]
+        return np.asarray(effect @ (self.border.basis.T @ Z).T)
 
     def _applied(self, vector: Array) -> Array:
         """H^-1 on a vector, shape (m, n)."""
@@ -165,8 +164,7 @@ class EigenPath:
             blocks = self.c[:, None, None] * (np.eye(len(rows)) - blocks)
         blocks -= self.shares[:, None, None] * (border @ border.T)
         if self.runs is not None:
-            columns, K = self.runs
-            blocks -= columns[:, rows] @ K @ columns[:, rows].transpose(0, 2, 1)
+            blocks -= self.runs[:, rows] @ self.runs[:, rows].transpose(0, 2, 1)
         return np.asarray(np.linalg.solve(blocks, self.alpha[:, rows, None])[:, :, 0])
 
 
@@ -174,7 +172,7 @@ class TridiagonalPath:
     r"""For a positive definite kernel matrix Omega = Q T Q^T, T tridiagonal, which costs less than its eigenvectors.
 
     With T + I/c = L D L^T, each row of Z = D^-1/2 L^-1 Q^T V follows from the row before it, and Z^T Z = V^T H^-1 V for columns V,
-    the rows of a fold and y.
+    the rows of a fold. The transposed recurrence goes on to H^-1 V, for y and the runs' indicator once for all folds.
 
     The kernel matrix of a wide kernel has a factor F of low rank. F^T F = Q T Q^T is smaller, and with Q^T F^T in place of Q^T,
     V^T H^-1 V = c (V^T V - Z^T Z).
@@ -193,54 +191,59 @@ class TridiagonalPath:
     def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None, border: Border | None = None) -> None:
         own = Border.of(np.empty((len(y), 0))) if border is None else border
         level, _ = own.project(gram)
-        self.F = own.basis
         factor = _low_rank_factor_if_likely(gram, max(0.4 * len(y) * np.finfo(np.float64).eps * level, _DROPPED / float(c.max())))
         self.basis, diagonal, off_diagonal = tridiagonal(gram if factor is None else factor.T @ factor, overwrite=True)
         if factor is not None:
             self.basis = self.basis @ factor.T
-        self.c, self.y, self.low_rank = c, own.without(y), factor is not None
-        self.rotated_y, self.shares = self.basis @ self.y, 1.0 / (level + 1.0 / c)
+        self.c, self.low_rank = c, factor is not None
         self.scales, self.steps, self.work = np.empty((len(c), len(diagonal))), np.zeros((len(c), len(diagonal))), np.empty(0)
         _factors(diagonal, off_diagonal, 1.0 / c, self.scales, self.steps)
         self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
-        Z = np.empty((len(y), 0)) if runs is None or len(np.unique(runs)) < 2 else indicator(runs)
-        self.Z = own.without(Z)
-        self.rotated_Z = self.basis @ self.Z
-        if self.Z.shape[1]:
-            sums = self._products(np.empty(0, dtype=np.intp), slice(0, len(c)))
-            M, g = sums[:, 1:, 1:], sums[:, 1:, 0]
-            self.gain = gain(restricted_likelihood(M, g, sums[:, 0, 0], len(y) - self.F.shape[1] + 1), M)
+        # C = H'^-1 - W W^T, W of the border and of the runs' biases
+        shares = np.sqrt(1.0 / (level + 1.0 / c))
+        self.beside = shares[:, None, None] * own.basis
+        Z = np.empty((len(y), 0)) if runs is None else contrasts(runs)
+        applied = self._applied(own.without(np.column_stack([y, Z])))
+        self.alpha = applied[:, :, 0]
+        if Z.shape[1]:
+            of_runs = Z.T @ applied
+            g, M = of_runs[:, :, 0], of_runs[:, :, 1:]
+            rows = len(y) - own.basis.shape[1] + 1
+            S = root_of_likeliest_gain(M, g, self.alpha @ y, rows)
+            of_biases = applied[:, :, 1:] @ S
+            self.alpha = self.alpha - (of_biases @ (S.transpose(0, 2, 1) @ g[:, :, None]))[:, :, 0]
+            self.beside = np.concatenate([self.beside, of_biases], axis=2)
+
+    def _applied(self, columns: Array) -> Array:
+        """H'^-1 on columns that are orthogonal to the border, shape (m, n, k)."""
+        rotated = self.basis @ columns
+        solved = np.empty((*rotated.shape, len(self.c)))
+        _solve.fast()(rotated, np.ascontiguousarray(self.scales.T), np.ascontiguousarray(self.steps.T), solved)
+        product = (self.basis.T @ solved.reshape(len(rotated), -1)).reshape(*columns.shape, -1)
+        applied = self.c * (columns[:, :, None] - product) if self.low_rank else product
+        return np.ascontiguousarray(applied.transpose(2, 0, 1))
 
     def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
         """Residuals of a fold that is left out, shape (m, rows)."""
         residuals = np.empty((len(self.scales), len(rows)))
-        batch = min(len(residuals), max(1, _BATCH // (len(self.basis) * (len(rows) + 1 + self.Z.shape[1]))))
+        columns = self.basis[:, rows]
+        batch = min(len(residuals), max(1, _BATCH // columns.size))
+        if self.work.size < batch * columns.size:  # reused between folds: new memory costs as much as filling it
+            self.work = np.empty(batch * columns.size)
         for first in range(0, len(residuals), batch):
             part = slice(first, first + batch)
-            sums = self._products(rows, part)
-            if self.Z.shape[1]:
-                across = sums[:, : len(rows) + 1, len(rows) + 1 :]
-                sums = sums[:, : len(rows) + 1, : len(rows) + 1] - across @ self.gain[part] @ across.transpose(0, 2, 1)
-            sums[:, :-1, :-1] -= self.shares[part, None, None] * (self.F[rows] @ self.F[rows].T)
+            z = self.work[: len(residuals[part]) * columns.size].reshape(-1, *columns.shape)
+            self.recur(columns, self.scales[part], self.steps[part], z)
+            blocks = z.transpose(0, 2, 1) @ z
+            if self.low_rank:
+                blocks = self.c[part, None, None] * (np.eye(len(rows)) - blocks)
+            beside = self.beside[part, rows]
+            blocks -= beside @ beside.transpose(0, 2, 1)
             if len(rows) <= _SMALL_FOLD:
-                self.eliminate(np.ascontiguousarray(sums), residuals[part])
+                self.eliminate(blocks, np.ascontiguousarray(self.alpha[part, rows]), residuals[part])
             else:
-                residuals[part] = np.linalg.solve(sums[:, :-1, :-1], sums[:, -1, :-1, None])[:, :, 0]
+                residuals[part] = np.linalg.solve(blocks, self.alpha[part, rows, None])[:, :, 0]
         return residuals
-
-    def _products(self, rows: npt.NDArray[np.intp], part: slice) -> Array:
-        """V^T H^-1 V of the rows of a fold, y, and the indicator of the runs, shape (m, k, k)."""
-        columns = np.hstack([self.basis[:, rows], self.rotated_y[:, None], self.rotated_Z])
-        count = len(self.scales[part])
-        if self.work.size < count * columns.size:  # reused between folds: new memory costs as much as filling it
-            self.work = np.empty(count * columns.size)
-        z = self.work[: count * columns.size].reshape(-1, *columns.shape)
-        self.recur(columns, self.scales[part], self.steps[part], z)
-        sums = z.transpose(0, 2, 1) @ z
-        if self.low_rank:
-            own = np.hstack([np.eye(len(self.y))[:, rows], self.y[:, None], self.Z])
-            sums = self.c[part, None, None] * (own.T @ own - sums)
-        return np.asarray(sums)
 
 
 @compiled()
@@ -269,8 +272,28 @@ def _recur(columns: Array, scales: Array, steps: Array, z: Array) -> None:
 
 
 @compiled()
-def _eliminate(sums: Array, residuals: Array) -> None:
-    """Residuals from each block of C, by its Cholesky factor and back substitution; values of c in parallel."""
+def _solve(columns: Array, scales: Array, steps: Array, z: Array) -> None:
+    """Solutions of T + I/c, by the recurrence and its transpose; values of c in parallel."""
+    rows, many, shifts = z.shape
+    for i in range(rows):
+        scale, step = scales[i], steps[i]
+        for j in range(many):
+            value, here, before = columns[i, j], z[i, j], z[max(i - 1, 0), j]
+            for k in range(shifts):
+                here[k] = value * scale[k] + (step[k] * before[k] if i > 0 else 0.0)
+    for i in range(rows - 1, -1, -1):
+        scale, step = scales[i], steps[i]
+        for j in range(many):
+            here, before = z[i, j], z[max(i - 1, 0), j]
+            for k in range(shifts):
+                if i > 0:
+                    before[k] += step[k] * here[k]
+                here[k] *= scale[k]
+
+
+@compiled()
+def _eliminate(blocks: Array, alpha: Array, residuals: Array) -> None:
+    """Residuals from each block of C and alpha, by its Cholesky factor and back substitution; values of c in parallel."""
     many, rows = residuals.shape
     lanes = (many + _LANES - 1) // _LANES * _LANES
     factor = np.empty((rows + 1, rows, lanes))
@@ -279,7 +302,7 @@ def _eliminate(sums: Array, residuals: Array) -> None:
             entry = factor[i, j]
             for k in range(lanes):
                 place = min(k, many - 1)
-                entry[k] = sums[place, i, j]
+                entry[k] = blocks[place, i, j] if i < rows else alpha[place, j]
             for before in range(j):
                 left, right = factor[i, before], factor[j, before]
                 for k in range(lanes):

@@ -34,6 +34,13 @@ def indicator(runs: npt.NDArray[Any]) -> Array:
     return np.eye(len(labels))[numbers]
 
 
+def contrasts(runs: npt.NDArray[Any]) -> Array:
+    """Z Q, shape (n, runs - 1), of orthonormal Q orthogonal to the vector of ones: C Z Z^T C is C (ZQ) (ZQ)^T C, as C 1 = 0."""
+    Z = indicator(runs)
+    count = Z.shape[1]
+    return np.asarray(Z @ np.linalg.qr(np.eye(count) - 1.0 / count)[0][:, :-1])
+
+
 def restricted_likelihood(M: Array, g: Array, q: Array, rows: int) -> Array:
     """rho of greatest restricted likelihood, shape (m,).
 
@@ -45,18 +52,42 @@ def restricted_likelihood(M: Array, g: Array, q: Array, rows: int) -> Array:
     rows : int
         Less the border's columns beside the intercept.
     """
-    if M.shape[1] < 2:
-        return np.zeros(len(M))
+    return _likeliest(*_eigen(M), g, q, rows, len(M[0]) - 1)
+
+
+def root_of_likeliest_gain(M: Array, g: Array, q: Array, rows: int) -> Array:
+    """S of each K = S S^T for rho of greatest restricted likelihood, shape (m, k, k), with :func:`contrasts` for Z.
+
+    Parameters
+    ----------
+    M : ndarray, shape (m, k, k)
+    g : ndarray, shape (m, k)
+    q : ndarray, shape (m,)
+    rows : int
+        Less the border's columns beside the intercept.
+    """
+    values, vectors = _eigen(M)
+    rho = _likeliest(values, vectors, g, q, rows, len(M[0]))
+    return np.asarray(vectors * np.sqrt(rho[:, None] / (1.0 + rho[:, None] * values))[:, None, :])
+
+
+def _eigen(M: Array) -> tuple[Array, Array]:
     values, vectors = np.linalg.eigh(M)
-    values = np.maximum(values, 0.0)
+    return np.maximum(values, 0.0), vectors
+
+
+def _likeliest(values: Array, vectors: Array, g: Array, q: Array, rows: int, rank: int) -> Array:
+    """rho from the eigenvalues and eigenvectors of M, of this rank."""
+    if rank < 1:
+        return np.zeros(len(values))
     turned = np.einsum("mij,mi->mj", vectors, g)
-    scale = values.sum(axis=1) / (M.shape[1] - 1)
+    scale = values.sum(axis=1) / rank
     rho = _RATIOS / np.maximum(scale, np.finfo(np.float64).tiny)[:, None]
     grown = 1.0 + rho[:, :, None] * values[:, None, :]
-    explained = (rho[:, :, None] * turned[:, None, :] ** 2 / grown).sum(axis=2)
+    explained = rho * ((1.0 / grown) @ turned[:, :, None] ** 2)[:, :, 0]
     residual = np.maximum(q[:, None] - explained, np.finfo(np.float64).tiny)
     likelihood = -0.5 * np.log(grown).sum(axis=2) - 0.5 * (rows - 1) * np.log(residual)
-    return np.asarray(rho[np.arange(len(M)), np.argmax(likelihood, axis=1)])
+    return np.asarray(rho[np.arange(len(values)), np.argmax(likelihood, axis=1)])
 
 
 def gain(rho: Array, M: Array) -> Array:

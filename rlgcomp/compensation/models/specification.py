@@ -100,7 +100,7 @@ def between_and_within(residuals: Array, groups: Labels) -> Array:
     """Root mean squares of the groups' mean residuals, and of the residuals about them, shape (candidates, 2)."""
     Z = np.unique(groups, return_inverse=True)[1]
     counts = np.bincount(Z)
-    means = np.stack([np.bincount(Z, weights=row) for row in residuals]) / counts
+    means = residuals @ np.eye(len(counts))[Z] / counts
     between = means**2 @ counts / len(Z)
     return np.sqrt(np.column_stack([between, np.mean((residuals - means[:, Z]) ** 2, axis=1)]))
 
