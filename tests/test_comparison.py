@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import fft
 from scipy.ndimage import uniform_filter1d
 from typer.testing import CliRunner
 
@@ -15,7 +16,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.recording.comparison import compare, noise_of_means_deg_h
-from rlgcomp.recording.copies import shares_means
+from rlgcomp.recording.copies import copies, shares_means
 from rlgcomp.simulation.random_units import simulated_unit
 
 PROGRAMMES = ("short", "start 20, hold 40, ramp -20 1, hold 60, ramp 45 1, hold 30", "start 0, hold 30, ramp 50 0.7, hold 60")
@@ -74,6 +75,15 @@ def test_a_copy_is_noticed_whatever_its_clock_offset_or_period(healthy: list[rlg
     runs = [*healthy, changed(healthy[1], change, "copy")]
     (shared,) = [one for one in compare(runs) if one.code == "recording.shared_noise"]
     assert {shared.data["run"], shared.data["other"]} == {"copy", "run1"}
+
+
+def test_each_run_is_transformed_once_where_runs_are_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    noise, lengths = np.random.default_rng(0).normal(size=(5, 2000)), []
+    runs = [rlg.recording(pd.DataFrame({"time_s": np.arange(2000.0), "gyro_deg_h": one}), name=str(k)) for k, one in enumerate(noise)]
+    rfft = fft.rfft
+    monkeypatch.setattr(fft, "rfft", lambda steps, size: lengths.append(len(steps)) or rfft(steps, size))
+    assert not copies(runs, {k: run.rate_deg_h() for k, run in enumerate(runs)})
+    assert lengths == [1999] * 5
 
 
 def test_a_run_with_half_of_another_spliced_in_is_noticed(healthy: list[rlg.Recording]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,6 +50,35 @@ def test_a_run_with_another_column_keeps_only_what_does_not_follow_it() -> None:
     assert Path(block).values(other) == pytest.approx(before[1] + 1.0)
     assert other.binned.column("temperature_block_degC") == pytest.approx(run.binned.column("temperature_block_degC") + 1.0)
     assert plays.columns(other) == pytest.approx(before[0], abs=1e-9)
+
+
+def test_values_at_rows_are_averaged_over_bins_and_those_after_the_last_window_are_left_out() -> None:
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    recording = simulator.simulate("start 20, hold 20, ramp 40 1, hold 20", seed=1, step_s=1.0)
+    recording = recording.replace(table=recording.table.drop(index=np.arange(300, 320)).reset_index(drop=True), truth=None)
+    run = Run.of(recording, Grid.of([recording]), lambda binned: binned.rate_deg_h())
+    values = np.random.default_rng(0).normal(size=len(recording))
+    place = ((recording.time_s - recording.time_s[0] + 0.5 * recording.period_s) // run.grid.bin_s).astype(int)
+    filled = [k for k in range(run.bins) if np.any(place == k)]
+    assert len(filled) < run.bins
+    means = [values[place == k].mean() for k in filled]
+    for _ in range(2):  # places of rows are computed once
+        assert run.on_bins_of_rows(values) == pytest.approx(np.interp(run.elapsed_s, run.elapsed_s[filled], means), abs=1e-12)
+
+
+def test_each_recording_of_a_diagnosis_is_brought_onto_the_grid_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long recordings make that a part that one waits for."""
+    names, of = [], Run.of
+
+    def counted(recording: rlg.Recording, *others: Any) -> Run:
+        names.append(recording.name)
+        return of(recording, *others)
+
+    monkeypatch.setattr(Run, "of", counted)
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    runs = [simulator.simulate("short", seed=seed, step_s=30.0, name=f"run-{seed}") for seed in (1, 2)]
+    rlg.diagnose(simulator, runs[:1], runs[1:], only=["temperature_rate"], black_box=False)
+    assert sorted(names) == ["run-1", "run-2"]
 
 
 def hysteresis_of(simulator: Simulator) -> tuple[Region, Run]:

@@ -254,11 +254,17 @@ class Run:
 
     def on_bins_of_rows(self, values: Array) -> Array:
         """Means over bins of values at the recording's rows, shape (rows,); interpolated to all bins of the run."""
+        place, counts = self._bins_of_rows
+        sums = np.bincount(place, weights=values, minlength=self.bins + 1)[: self.bins]
+        filled = counts > 0
+        return np.interp(self.elapsed_s, self.elapsed_s[filled], sums[filled] / counts[filled])
+
+    @functools.cached_property
+    def _bins_of_rows(self) -> tuple[npt.NDArray[np.int32], IntArray]:
+        """The bin of each row of the recording, shape (rows,), and the number of rows in each bin, shape (bins,)."""
         since = self.recording.time_s - self.recording.time_s[0] + 0.5 * self.recording.period_s
-        place = np.minimum((since / self.grid.bin_s).astype(np.intp), self.bins)  # what comes after the last window goes together
-        counts, sums = (np.bincount(place, weights=w, minlength=self.bins + 1)[: self.bins] for w in (np.ones(len(since)), values))
-        held = counts > 0.0
-        return np.interp(self.elapsed_s, self.elapsed_s[held], sums[held] / counts[held])
+        place = np.minimum(since / self.grid.bin_s, self.bins).astype(np.int32)  # what comes after the last window goes together
+        return place, np.bincount(place, minlength=self.bins + 1)[: self.bins]
 
     def window_means(self, values: Array) -> Array:
         """Means of values on bins, shape (bins,) or (bins, k), over the counted windows."""

@@ -147,6 +147,7 @@ class _Engine:
     window_s: float | None
     noise: NoiseModel | None
     chamber: ChamberRange | None
+    _on_grid: dict[int, tuple[Recording, Run]] = dataclasses.field(default_factory=dict, repr=False)
 
     @property
     def grid(self) -> Grid:
@@ -172,7 +173,14 @@ class _Engine:
     def data(self, recordings: Sequence[Recording]) -> Data:
         """Recordings on the grid of the training runs."""
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
-        return Data(tuple(Run.of(recording, self.grid, self.output, other) for recording in recordings), other, self.noise)
+        return Data(tuple(self._run(recording, other) for recording in recordings), other, self.noise)
+
+    def _run(self, recording: Recording, other: tuple[str, ...]) -> Run:
+        """A recording on the grid, computed once; columns that are derived from it are not shared."""
+        key = id(recording)
+        if key not in self._on_grid:
+            self._on_grid[key] = recording, Run.of(recording, self.grid, self.output, other)
+        return dataclasses.replace(self._on_grid[key][1], cache={}, derived={})
 
     def identities(self, data: Data) -> tuple[Identity, ...]:
         """Columns of which the recorded output is the rate of change or the integral."""

@@ -6,6 +6,8 @@ offset, scale or sample period. Noise is compared with its spectrum whitened, so
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import Final
@@ -39,46 +41,69 @@ def copies(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]:
     rates : dict of int to ndarray
         Rates of a gyro in deg/h, by the index of the run.
     """
-    noises = {k: (_without_gaps(runs[k], rate), runs[k].period_s) for k, rate in rates.items()}
+    noises = {k: _Noise(_without_gaps(runs[k], rate), runs[k].period_s) for k, rate in rates.items()}
     messages = []
     for one, other in itertools.combinations(noises, 2):
-        share = shared_noise(*noises[one], *noises[other])
+        share = _shared(noises[one], noises[other])
         if share is not None:
             names = {"run": runs[other].name, "other": runs[one].name}
             messages.append(message("recording.shared_noise", **names, correlation=share))
     return messages
 
 
-def shared_noise(one: Array, one_period_s: float, other: Array, other_period_s: float) -> float | None:
-    """Correlation of the noise of two runs at the lag where it is greatest; None where they do not share it.
+@dataclasses.dataclass(eq=False)
+class _Noise:
+    """A gyro's output, with the noise in it and the last spectrum of that noise.
 
     Parameters
     ----------
-    one, other : ndarray, shape (n,)
-        Rates of a gyro, in any unit each.
-    one_period_s, other_period_s : float
-        Sample periods in s. The clock of one of the runs may be wrong, so that equal samples are compared as well.
+    rate : ndarray, shape (n,)
+        In any unit.
+    period_s : float
     """
-    if one_period_s > other_period_s:
-        one, one_period_s, other, other_period_s = other, other_period_s, one, one_period_s
-    factor = round(other_period_s / one_period_s)
-    trials = [(one, other)]
+
+    rate: Array
+    period_s: float
+    _spectrum: tuple[int, npt.NDArray[np.complex128]] | None = None
+
+    @functools.cached_property
+    def steps(self) -> Array | None:
+        return noise_steps(self.rate)
+
+    def spectrum(self, steps: Array, size: int) -> npt.NDArray[np.complex128]:
+        """Of the steps, padded with zeros; that of the last size is not computed again."""
+        if self._spectrum is None or self._spectrum[0] != size:
+            self._spectrum = size, fft.rfft(steps, size)
+        return self._spectrum[1]
+
+
+def _shared(one: _Noise, other: _Noise) -> float | None:
+    """Correlation of the noise of two runs at the lag where it is greatest; None where they do not share it.
+
+    The clock of one of the runs may be wrong, so that equal samples are compared as well.
+    """
+    if one.period_s > other.period_s:
+        one, other = other, one
+    factor = round(other.period_s / one.period_s)
+    trials, rate, other_s = [(one, other)], one.rate, other.period_s
     if 1 < factor <= COARSEST:
-        means = one[: len(one) // factor * factor].reshape(-1, factor).mean(axis=1)
-        trials = [(one[phase::factor], other) for phase in range(factor)] + [(means, other), (one, other)]
-    ratio = other_period_s / one_period_s
+        means = rate[: len(rate) // factor * factor].reshape(-1, factor).mean(axis=1)
+        thinned = [rate[phase::factor] for phase in range(factor)]
+        trials = [*((_Noise(each, other_s), other) for each in (*thinned, means)), (one, other)]
+    ratio = other_s / one.period_s
     if abs(ratio / factor - 1.0) > 0.01 and ratio < COARSEST:  # one of them may have been interpolated from the other
-        trials.append((np.interp(np.arange(0.0, len(one) - 1.0, ratio), np.arange(len(one)), one), other))
+        interpolated = np.interp(np.arange(0.0, len(rate) - 1.0, ratio), np.arange(len(rate)), rate)
+        trials.append((_Noise(interpolated, other_s), other))
     found = [share for first, second in trials if (share := _at_best_lag(first, second)) is not None]
     return max(found, default=None)
 
 
-def _at_best_lag(one: Array, other: Array) -> float | None:
-    a, b = noise_steps(one), noise_steps(other)
+def _at_best_lag(one: _Noise, other: _Noise) -> float | None:
+    a, b = one.steps, other.steps
     if a is None or b is None:
         return None
     size = fft.next_fast_len(len(a) + len(b), real=True)
-    cross = fft.rfft(a, size) * np.conj(fft.rfft(b, size))
+    cross = one.spectrum(a, size) * np.conj(other.spectrum(b, size))
     strength = np.abs(cross)
     white = np.divide(cross, strength, out=np.zeros_like(cross), where=strength > 0.0)
     peaks = fft.irfft(white, size)
