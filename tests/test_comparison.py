@@ -79,7 +79,8 @@ def test_a_copy_is_noticed_whatever_its_clock_offset_or_period(healthy: list[rlg
 
 def test_each_run_is_transformed_once_where_runs_are_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
     noise, lengths = np.random.default_rng(0).normal(size=(5, 2000)), []
-    runs = [rlg.recording(pd.DataFrame({"time_s": np.arange(2000.0), "gyro_deg_h": one}), name=str(k)) for k, one in enumerate(noise)]
+    tables = [pd.DataFrame({"time_s": np.arange(2000.0), "gyro_deg_h": one}) for one in noise]
+    runs = [rlg.recording(table, name=str(k)) for k, table in enumerate(tables)]
     rfft = fft.rfft
     monkeypatch.setattr(fft, "rfft", lambda steps, size: lengths.append(len(steps)) or rfft(steps, size))
     assert not copies(runs, {k: run.rate_deg_h() for k, run in enumerate(runs)})
