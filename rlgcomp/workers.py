@@ -109,9 +109,9 @@ def _by_itself(work: Callable[[T], R], piece: T) -> R:
 
 @contextlib.contextmanager
 def _one_thread() -> Iterator[None]:
-    from threadpoolctl import threadpool_limits
+    from rlgcomp.numerics.compiled import library_threads
 
-    with _environment({"NUMBA_NUM_THREADS": "1"}), threadpool_limits(1):
+    with _environment({"NUMBA_NUM_THREADS": "1"}), library_threads(1):
         yield
 
 
@@ -225,9 +225,10 @@ def _on_cluster(work: Callable[[T], R], pieces: Sequence[T], died: Callable[[T],
     except (OSError, TimeoutError, ValueError) as error:
         raise InputError(f"no scheduler answers at {scheduler}: {error}; start one with `dask scheduler`, and workers") from None
     with client:
-        futures = {client.submit(_by_itself, work, piece, pure=False, retries=RETRIES): piece for piece in pieces}
-        for future in dask.as_completed(futures):
+        submitted = client.map(functools.partial(_by_itself, work), pieces, pure=False, retries=RETRIES)
+        futures = dict(zip(submitted, pieces, strict=True))
+        for future, result in dask.as_completed(futures, with_results=True, raise_errors=False):  # fetched without being asked for
             try:
-                yield future.result()
+                yield result if future.status == "finished" else future.result()
             except dask.KilledWorker:
                 yield died(futures[future])

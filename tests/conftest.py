@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +10,7 @@ import pytest
 from hypothesis import settings
 
 import rlgcomp as rlg
-from tests.cluster import Cluster
+from experiments.cluster import Cluster, local_cluster
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -60,26 +55,5 @@ def shared() -> Path:
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """A real scheduler and two worker processes."""
     pytest.importorskip("distributed")
-    place = tmp_path / "scheduler.json"
-    log = (tmp_path / "log").open("wb")
-    paths = os.pathsep.join([str(Path(rlg.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    settings = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
-
-    def start(*arguments: str) -> subprocess.Popen[bytes]:
-        return subprocess.Popen([sys.executable, "-m", *arguments], stdout=log, stderr=log, env=settings, cwd=tmp_path)
-
-    options = ["--scheduler-file", str(place), "--no-dashboard"]
-    processes = [start("distributed.cli.dask_scheduler", *options, "--host", "127.0.0.1", "--port", "0")]
-    try:
-        for _ in range(200):
-            if place.exists():
-                break
-            time.sleep(0.1)
-        worker = ["distributed.cli.dask_worker", *options, "--nthreads", "1", "--no-nanny"]
-        processes += [start(*worker), start(*worker)]
-        yield json.loads(place.read_text())["address"], processes
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
-        log.close()
+    with local_cluster(2, tmp_path) as started:
+        yield started

@@ -17,15 +17,15 @@ import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from experiments.cluster import Cluster
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.cli.fleet import USUAL
+from rlgcomp.cli.fleet import USUAL, workers_pay
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256
 from rlgcomp.fleet import NOTE, SUMMARY, Unit, diagnose_unit, read_fleet, run_fleet, train_unit
 from rlgcomp.recording.provenance import recorded_command
-from tests.cluster import Cluster
 
 register_commands()
 TRAIN = functools.partial(train_unit, model="cubic", features="temperature")
@@ -244,6 +244,34 @@ def test_the_command_reports_each_unit_and_ends_with_two_where_one_failed(units:
     assert "selected" not in done.output  # a cubic has nothing to select
     assert "1 of 3 units failed, the first gyro-1" in done.output
     assert (tmp_path / "out" / "gyro-2" / "model" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "size", "pay"), [(1, 10, False), (7, 250_000, False), (8, 250_000, True), (2, 8_000_000, True), (0, 10, False)]
+)
+def test_several_workers_pay_from_some_work_on(tmp_path: Path, number: int, size: int, pay: bool) -> None:
+    with (tmp_path / "run.csv").open("wb") as stream:
+        stream.truncate(size)
+    lines = [f"unit-{k}, run.csv; run.csv; absent.csv" for k in range(number)]
+    (tmp_path / "units.csv").write_text("\n".join(["unit,train", *lines]) + "\n")
+    assert workers_pay(tmp_path / "units.csv") is pay
+
+
+def test_a_table_that_cannot_be_read_is_not_judged(tmp_path: Path) -> None:
+    assert workers_pay(tmp_path / "none.csv")
+    assert workers_pay(tmp_path)
+    (tmp_path / "units.csv").write_bytes(b"unit,train\n\xff,\xff\n")
+    assert workers_pay(tmp_path / "units.csv")
+
+
+def test_a_few_small_units_are_trained_by_one_worker_which_is_said(units: list[Unit], tmp_path: Path) -> None:
+    table = units[0].train[0].parent / "units.csv"
+    arguments = ["fleet", "train", str(table), "--model", "cubic", "--features", "temperature", "--jobs", "2"]
+    done = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "few")])
+    assert "one worker trains these units; 2 would take longer to start than they save" in " ".join(done.output.split())
+    done = CliRunner().invoke(app, [*arguments, "--averaging-s", "60", "--out", str(tmp_path / "other")])
+    assert "one worker" not in done.output
+    assert arrays(tmp_path / "few", "gyro-0").keys() == arrays(tmp_path / "other", "gyro-0").keys()
 
 
 def test_models_that_need_no_look_up_are_models() -> None:

@@ -197,6 +197,24 @@ def test_a_fleet_by_two_workers_is_that_of_one() -> None:
     assert found.size == "10 units"
 
 
+@pytest.mark.slow  # tests of fleets compare a cluster with one worker as well
+def test_a_fleet_by_a_cluster_that_loses_a_worker_is_that_of_one() -> None:
+    pytest.importorskip("distributed")
+    killed, _, empty, _ = speed.chosen(["fleet-dask"])
+    (found,) = measure(killed, quick=True, repeats=1)
+    assert found.agrees
+    (found,) = measure(empty, quick=True, repeats=1)
+    assert found.size == "50 empty units"
+
+
+def test_a_row_that_needs_a_library_that_is_not_installed_says_so() -> None:
+    def prepare(quick: bool) -> Case:
+        raise ImportError("no distributed", name="distributed")
+
+    (found,) = measure(Row("toy", "a toy", prepare))
+    assert found.note == "not measured, since it is not installed: distributed"
+
+
 def test_another_revision_is_measured_in_turn_with_this_tree() -> None:
     root = Path(speed.__file__).parents[2]
     known = subprocess.run(["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, check=False)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from experiments import work as module
+from experiments.cluster import Cluster
 from experiments.work import Work
 from rlgcomp.workers import DIED
-from tests.cluster import Cluster
 
 
 def drawn(seed: int, scale: float, log: str = "") -> dict[str, Any]:

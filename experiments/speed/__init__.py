@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from experiments.speed import allan, commands, exact, exported, hysteresis, laws, reading, selection, start, whole
+from experiments.speed import allan, commands, dask_fleets, exact, exported, hysteresis, laws, reading, selection, start, whole
 from experiments.speed.measure import Measured as Measured
 from experiments.speed.measure import Row
 from experiments.speed.measure import growth as growth
@@ -24,6 +24,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *whole.ROWS,
     *exported.ROWS,
     *commands.ROWS,
+    *dask_fleets.ROWS,
     *start.ROWS,
     *reading.ROWS,
 )

@@ -70,24 +70,18 @@ def _gyros() -> Path:
     return folder
 
 
-def _fleet(units: int) -> Callable[[bool], Case]:
-    def prepare(quick: bool) -> Case:
-        number = min(units, GYROS // 2) if quick else units
-        files, folder = _gyros(), _folder()
-        table = folder / "units.csv"
-        lines = [f"unit-{k},{files / f'{k % GYROS}-1.parquet'};{files / f'{k % GYROS}-2.parquet'}" for k in range(number)]
-        table.write_text("\n".join(["unit,train", *lines]) + "\n", encoding="utf-8")
-        places = (folder / f"out-{k}" for k in itertools.count())
+def fleet_table(units: int) -> Path:
+    """Table of as many units, which have the files of the gyros in turn."""
+    files, table = _gyros(), _folder() / "units.csv"
+    lines = [f"unit-{k},{files / f'{k % GYROS}-1.parquet'};{files / f'{k % GYROS}-2.parquet'}" for k in range(units)]
+    table.write_text("\n".join(["unit,train", *lines]) + "\n", encoding="utf-8")
+    return table
 
-        def trained(workers: int) -> Timed:
-            out = next(places)
-            done = timed_command("fleet", "train", table, "--out", out, *_CUBIC, "--jobs", workers)
-            return Timed(_digest(out), done.wall_s, done.cpu_s)
 
-        one = Peer("one worker", lambda: trained(1), lambda ours, theirs: float(ours != theirs), 0.0)
-        return Case(lambda: trained(2), [one], size=f"{number} units", n=number)
-
-    return prepare
+def fleet_command(table: Path, out: Path, *options: object) -> Timed:
+    """The command that trains a cubic in temperature for each unit; its result is a digest of the models."""
+    done = timed_command("fleet", "train", table, "--out", out, *_CUBIC, *options)
+    return Timed(_digest(out), done.wall_s, done.cpu_s)
 
 
 def _digest(out: Path) -> str:
@@ -96,6 +90,22 @@ def _digest(out: Path) -> str:
     for path in sorted(out.rglob("*.npy")):
         digest.update(str(path.relative_to(out)).encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+def _fleet(units: int) -> Callable[[bool], Case]:
+    def prepare(quick: bool) -> Case:
+        number = min(units, GYROS // 2) if quick else units
+        table, folder = fleet_table(number), _folder()
+        places = (folder / f"out-{k}" for k in itertools.count())
+        one = Peer("one worker", lambda: fleet_command(table, next(places)), different, 0.0)
+        return Case(lambda: fleet_command(table, next(places), "--jobs", 2), [one], size=f"{number} units", n=number)
+
+    return prepare
+
+
+def different(ours: object, theirs: object) -> float:
+    """Disagreement of results that should be the same: 0 or 1."""
+    return float(ours != theirs)
 
 
 # --- a demo, a calibration, a turning run -------------------------------------------------------------------------------------

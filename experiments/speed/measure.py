@@ -93,7 +93,8 @@ class Row:
         As `--only` takes it.
     work : str
     prepare : callable
-        (quick) to Case; quick is smaller data, whose goals are not judged.
+        (quick) to Case; quick is smaller data, whose goals are not judged. An ImportError means that what it needs is not
+        installed.
     threads : int
         Threads that our side may use; BLAS has one throughout.
     goal_s : float, optional
@@ -145,7 +146,11 @@ class Measured:
 
 def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Measured]:
     """Measure a row against each of its peers."""
-    case = row.prepare(quick)
+    try:
+        case = row.prepare(quick)
+    except ImportError as error:
+        note = f"not measured, since it is not installed: {error.name or error}"
+        return [Measured(row.name, row.work, "", row.threads, "", float("nan"), float("nan"), note=note)]
     with threadpool_limits(1, user_api="blas"):
         result, _ = once(case.ours)  # compiles and warms what is compiled and warmed once
         if not case.peers:

@@ -201,6 +201,11 @@ def blas_threads(limit: int) -> AbstractContextManager[Any]:
     return _libraries(len(sys.modules)).limit(limits=limit, user_api="blas")
 
 
+def library_threads(limit: int) -> AbstractContextManager[Any]:
+    """Libraries of whatever kind have so many threads in this context."""
+    return _libraries(len(sys.modules)).limit(limits=limit)
+
+
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Decorator: linear algebra has one thread while the function runs. Small matrices take longer with two."""
 
