@@ -14,7 +14,8 @@ from experiments import speed
 from experiments.speed.__main__ import main
 from experiments.speed.against import compare
 from experiments.speed.lssvmlab import lssvmlab
-from experiments.speed.measure import Case, Peer, Row, Timed, measure
+from experiments.speed.measure import Case, Peer, Row, Timed, failed, measure
+from experiments.speed.page import BEGIN, END, markdown, require_page, shortfalls, write_page
 from experiments.speed.reading import recording_table
 from experiments.speed.selection import thermal_rows
 from rlgcomp.errors import InputError
@@ -24,6 +25,10 @@ from rlgcomp.recording.formats import read
 def slow() -> float:
     time.sleep(0.02)
     return 1.0
+
+
+def absent() -> float:
+    raise ImportError("absent", name="absent")
 
 
 def row(*peers: Peer, **goals: float) -> Row:
@@ -45,6 +50,60 @@ def test_goals_that_are_missed_are_said_and_small_data_are_not_judged() -> None:
     toy = row(Peer("slow", slow, apart, 1e-12, 1e9))
     assert measure(toy, repeats=1)[0].reached is False
     assert measure(toy, repeats=1, quick=True)[0].reached is None
+
+
+def test_goals_are_judged_by_processor_time_as_well() -> None:
+    """On a busy machine one of them decides little; threads share a goal in seconds."""
+    peer = Peer("elsewhere", lambda: Timed(1.0, 3.0, 2.0), apart, 0.0, 5.0)
+    toy = Row("toy", "a toy", lambda quick: Case(lambda: Timed(1.0, 0.5, 0.5), [peer]))
+    (found,) = measure(toy, repeats=1)
+    assert (found.reached, found.reached_cpu) == (True, False)
+    alone = Row("toy", "a toy", lambda quick: Case(lambda: Timed(1.0, 3.0, 3.0)), threads=2, goal_s=2.0)
+    (found,) = measure(alone, repeats=1)
+    assert (found.reached, found.reached_cpu) == (False, True)
+
+
+def test_memory_of_another_process_has_a_goal() -> None:
+    toy = Row("toy", "a toy", lambda quick: Case(lambda: Timed(1.0, 3.0, 3.0), peak_MiB=lambda: 2100.0), goal_MiB=2048.0, long=True)
+    (found,) = measure(toy, repeats=3)
+    assert (found.ours_MiB, found.reached, found.goal) == (2100.0, False, "<= 2048 MiB")
+
+
+def test_what_misses_something_comes_first_on_the_page(tmp_path: Path) -> None:
+    late, good = (Peer("slow", lambda: Timed(1.0, 3.0, 3.0), apart, 0.0, goal) for goal in (9.0, 2.0))
+    toys = [
+        Row(name, "a toy", lambda quick, peer=peer: Case(lambda: Timed(1.0, 1.0, 1.0), [peer]))
+        for name, peer in (
+            ("good", good),
+            ("late", late),
+            ("wrong", Peer("wrong", lambda: Timed(2.0, 9.0, 9.0), apart, 0.0)),
+            ("absent", Peer("absent", absent, apart, 0.0)),
+        )
+    ]
+    measured = [*(one for toy in toys for one in measure(toy, repeats=1)), failed(toys[0], ValueError("no number"))]
+    kinds = ["failed", "results disagree", "goal missed", "peer not installed"]
+    assert [one["what"] for one in shortfalls(measured)] == kinds
+    page = tmp_path / "performance.md"
+    page.write_text(f"before\n\n{BEGIN}\nold\n{END}\n\nafter\n")
+    require_page(page)
+    for _ in range(2):
+        write_page(page, markdown(measured, {"cores": 2}, "speed"))
+    lines = page.read_text().splitlines()
+    assert (lines[0], lines[-1], "old" in lines) == ("before", "after", False)
+    at = [next(k for k, line in enumerate(lines) if line.startswith(f"| {begin} |")) for begin in (*kinds, "good", "late")]
+    assert at == sorted(at)
+    page.write_text("no marks")
+    with pytest.raises(InputError, match="it lacks the lines"):
+        require_page(page)
+
+
+def test_one_row_that_fails_loses_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = (Row("broken", "a toy", lambda quick: Case(absent)), row(Peer("slow", slow, apart, 0.0)))
+    monkeypatch.setattr(speed, "ROWS", rows)
+    with pytest.raises(SystemExit, match="2"):
+        main(["--repeats", "1", "--out", str(tmp_path / "speed.json"), "--page", str(tmp_path / "page.md")])
+    assert [one["failed"] for one in json.loads((tmp_path / "speed.json").read_text())["rows"]] == [True, False]
+    assert "failed: ImportError: absent" in (tmp_path / "page.md").read_text()
 
 
 def test_another_result_is_said() -> None:
@@ -99,6 +158,9 @@ def test_names_are_unique_and_chosen_by_their_beginning() -> None:
     assert len(set(names)) == len(names)
     assert [one.name for one in speed.chosen(["plays"])] == ["plays", "plays-fleet"]
     assert [one.name for one in speed.chosen(["select-430"])] == ["select-430"]
+    long = {"diagnose-long", "diagnose-90-days"}
+    assert not long & {one.name for one in (*speed.chosen(None), *speed.chosen(["diagnose"]))}
+    assert [one.name for one in speed.chosen(["diagnose-long"])] == ["diagnose-long"]
     with pytest.raises(InputError, match="rows are select-430"):
         speed.chosen(["nothing"])
 
@@ -169,6 +231,22 @@ def test_growth_is_the_exponent_of_the_work() -> None:
     found = speed.growth(Row("product", "a product of matrices", prepare), 5)
     assert found["exponent"] == pytest.approx(3.0, abs=1.0)
     assert speed.growth(Row("toy", "a toy", lambda quick: Case(lambda: 1.0)), 1) is None
+
+
+def test_growth_may_be_of_more_sizes_with_the_memory_of_each() -> None:
+    seconds = [1.0, 2.0, 16.0]
+    peaks: list[float] = []
+
+    def sized(k: int) -> Case:
+        ours = lambda: peaks.append(100.0 * (k + 1)) or Timed(None, 1.0, seconds[k])  # noqa: E731
+        return Case(ours, n=10**k, peak_MiB=lambda: peaks[-1])
+
+    toy = Row("toy", "a toy", lambda quick: Case(lambda: None), sizes=[lambda k=k: sized(k) for k in range(3)])
+    found = speed.growth(toy, 1)
+    assert (found["n"], found["cpu_s"], found["MiB"]) == ([1, 10, 100], seconds, [100.0, 200.0, 300.0])
+    assert found["last_exponent"] == pytest.approx(np.log10(8.0))
+    assert found["exponent"] == pytest.approx(np.log10(16.0) / 2.0)
+    assert len(peaks) == 3  # work in another process needs no warming
 
 
 def test_parts_of_the_work_are_said() -> None:

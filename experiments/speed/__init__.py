@@ -8,7 +8,20 @@ from __future__ import annotations
 
 from typing import Final
 
-from experiments.speed import allan, commands, dask_fleets, exact, exported, hysteresis, laws, reading, selection, start, whole
+from experiments.speed import (
+    allan,
+    commands,
+    dask_fleets,
+    exact,
+    exported,
+    hysteresis,
+    laws,
+    long,
+    reading,
+    selection,
+    start,
+    whole,
+)
 from experiments.speed.measure import Measured as Measured
 from experiments.speed.measure import Row
 from experiments.speed.measure import growth as growth
@@ -27,11 +40,12 @@ ROWS: Final[tuple[Row, ...]] = (
     *dask_fleets.ROWS,
     *start.ROWS,
     *reading.ROWS,
+    *long.ROWS,
 )
 
 
 def chosen(names: list[str] | None) -> tuple[Row, ...]:
-    """Rows whose names begin with one of those given, by whole words between hyphens; all of them where none is.
+    """Rows whose names begin with one of those given, by whole words between hyphens; where none is, all that take no minutes.
 
     Raises
     ------
@@ -41,7 +55,10 @@ def chosen(names: list[str] | None) -> tuple[Row, ...]:
     for name in names or []:
         if not any(_begins(row, name) for row in ROWS):
             raise InputError(f"no row is called {name!r}; rows are {', '.join(row.name for row in ROWS)}")
-    return tuple(row for row in ROWS if not names or any(_begins(row, name) for name in names))
+    if not names:
+        return tuple(row for row in ROWS if not row.long)
+    named = [row for row in ROWS if any(_begins(row, name) for name in names)]
+    return tuple(row for row in named if not row.long or row.name in names)
 
 
 def _begins(row: Row, name: str) -> bool:

@@ -11,7 +11,8 @@ import typer
 from experiments.speed import chosen, growth, measure
 from experiments.speed.against import compare
 from experiments.speed.machine import machine
-from experiments.speed.measure import Row
+from experiments.speed.measure import Measured, Row, failed
+from experiments.speed.page import markdown, require_page, row_of, shortfalls, write_page
 from rlgcomp.cli.base import AsJson, progress
 from rlgcomp.cli.ending import BAD_INPUT, notify
 from rlgcomp.cli.show import show_json, show_table
@@ -25,7 +26,12 @@ application = typer.Typer(add_completion=False, pretty_exceptions_enable=False, 
 def speed(
     only: Annotated[
         list[str] | None,
-        typer.Option("--only", metavar="ROW", help="Rows whose names begin with this; may be repeated. All rows by default."),
+        typer.Option(
+            "--only",
+            metavar="ROW",
+            help="Rows whose names begin with this; may be repeated. By default all but the long ones, diagnose-long and "
+            "diagnose-90-days.",
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small data: checks agreement; goals are not judged.")] = False,
     repeats: Annotated[int, typer.Option(min=1, help="Paired repeats a peer, fewer where they would take more than 10 s.")] = 5,
@@ -37,21 +43,36 @@ def speed(
         typer.Option("--against", metavar="REV", help="This tree and the package of another revision in turn, instead of peers."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write besides the table.")
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE.json", help="JSON file to write besides the table, anew after each row."),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            "--page",
+            metavar="FILE.md",
+            help="Markdown file to write besides the table, anew after each row: between two marks where it exists.",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure run times of rlgcomp and of its peers in the same run, and the agreement of their results.
 
-    The ratio is the median over paired repeats of the peer's time divided by ours. `pip install 'rlgcomp[bench]'` installs the
-    peers; the note of a row names a peer that is not installed.
+    The ratio is the median over paired repeats of the peer's time divided by ours. Rows that miss a goal, differ from their peer or
+    fail are printed first. `pip install 'rlgcomp[bench]'` installs the peers; the note of a row names a peer that is not installed.
 
     Example: `python -m experiments.speed --only allan --only bouc --out bench.json`
+
+    Example: `python -m experiments.speed --page docs/performance.md --out peers.json`
+
+    Example: `python -m experiments.speed --only diagnose-long --growth --repeats 1`
 
     Example: `python -m experiments.speed --only calibrate --against HEAD~20 --repeats 7`
     """
     if out is not None:
         require_writable(out)
+    if page is not None:
+        require_page(page)
     rows = chosen(only)
     if grows:
         _show_growth(rows, repeats, out, as_json)
@@ -59,19 +80,36 @@ def speed(
     if against is not None:
         _compare(against, [row.name for row in rows], repeats, quick, out, as_json)
         return
-    measured = []
+    command = " ".join(["python -m experiments.speed", *(f"--only {name}" for name in only or []), *(["--quick"] if quick else [])])
+    on, measured = machine(), list[Measured]()
     with progress("measuring", len(rows)) as advance:
         for done, row in enumerate(rows, start=1):
-            measured += measure(row, quick=quick, repeats=repeats)
+            measured += _measured(row, quick, repeats)
+            result = {"machine": on | {"load at the end": machine()["load"]}, "quick": quick}
+            result["rows"] = [one.to_mapping() for one in measured]
+            if out is not None:
+                write_json(out, result)
+            if page is not None:
+                write_page(page, markdown(measured, result["machine"], command))
             advance(done, len(rows))
-    result = {"machine": machine(), "quick": quick, "rows": [one.to_mapping() for one in measured]}
-    if out is not None:
-        write_json(out, result)
     if as_json:
         show_json(result)
-        return
-    show_table("Measured against peers" + (" (small data: no goal is judged)" if quick else ""), [_row(one) for one in measured])
-    notify(", ".join(f"{key} {value}" for key, value in result["machine"].items()))  # type: ignore[attr-defined]
+    else:
+        missing = shortfalls(measured)
+        if missing:
+            show_table("Not reached", missing)
+        show_table("Measured against peers" + (" (small data: no goal is judged)" * quick), [row_of(one) for one in measured])
+        notify(", ".join(f"{key} {value}" for key, value in result["machine"].items()))
+    if any(one.failed for one in measured):
+        raise InputError("rows failed: " + ", ".join(one.row for one in measured if one.failed))
+
+
+def _measured(row: Row, quick: bool, repeats: int) -> list[Measured]:
+    """A row against its peers; an error is its result, so that a page of an hour is not lost by one row."""
+    try:
+        return measure(row, quick=quick, repeats=repeats)
+    except Exception as error:  # noqa: BLE001
+        return [failed(row, error)]
 
 
 def _show_growth(rows: Sequence[Row], repeats: int, out: Path | None, as_json: bool) -> None:
@@ -99,8 +137,15 @@ def _compare(revision: str, names: list[str], pairs: int, quick: bool, out: Path
 
 
 def _grown(one: dict[str, Any]) -> dict[str, Any]:
-    (small, full), (few, many) = one["n"], one["cpu_s"]
-    return {"row": one["row"], "n": f"{small} to {full}", "cpu s": f"{few:.3g} to {many:.3g}", "exponent": f"{one['exponent']:.2f}"}
+    grown = {
+        "row": one["row"],
+        "n": ", ".join(map(str, one["n"])),
+        "cpu s": ", ".join(f"{seconds:.3g}" for seconds in one["cpu_s"]),
+        "exponent": f"{one['exponent']:.2f}",
+    }
+    if len(one["n"]) > 2:
+        grown["last exponent"] = f"{one['last_exponent']:.2f}"
+    return grown | ({"MiB": ", ".join(f"{peak:.0f}" for peak in one["MiB"])} if one["MiB"] else {})
 
 
 def _pairs(one: dict[str, Any]) -> dict[str, Any]:
@@ -109,24 +154,6 @@ def _pairs(one: dict[str, Any]) -> dict[str, Any]:
         for label, key in (("wall clock", "wall"), ("processor time", "cpu"))
     }
     return {"row": one["row"], "pairs": one["pairs"], **texts}
-
-
-def _row(one: Any) -> dict[str, Any]:
-    memory = "" if one.ours_MiB is None else f"{one.ours_MiB:.0f}" + ("" if one.peer_MiB is None else f" / {one.peer_MiB:.0f}")
-    return {
-        "row": one.row,
-        "size": one.size,
-        "threads": one.threads,
-        "ours s": f"{one.ours_s:.3g} (cpu {one.ours_cpu_s:.3g})",
-        "peer": one.peer or "none",
-        "peer s": "" if one.peer_s is None else f"{one.peer_s:.3g}",
-        "ratio": "" if one.ratio is None else f"{one.ratio:.3g} (cpu {one.ratio_cpu:.3g})",
-        "goal": one.goal,
-        "reached": {True: "yes", False: "no", None: ""}[one.reached],
-        "agreement": "" if one.agrees is None else f"{one.disagreement:.1e} {'ok' if one.agrees else 'NOT ok'}",
-        "MiB": memory,
-        "note": one.note,
-    }
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import functools
 import hashlib
 import itertools
@@ -37,10 +38,11 @@ with contextlib.suppress(ChildProcessError):
     while True:
         os.wait()
 spent = resource.getrusage(resource.RUSAGE_CHILDREN)
-print(json.dumps([wall_s, spent.ru_utime + spent.ru_stime]))
+print(json.dumps([wall_s, spent.ru_utime + spent.ru_stime, spent.ru_maxrss / 1024]))
 sys.exit(done.returncode)
 """
 _FOLDERS: Final[list[tempfile.TemporaryDirectory[str]]] = []
+PEAK_MIB: Final[collections.deque[float]] = collections.deque([0.0], maxlen=1)  # most memory resident in the last command
 
 
 def timed_command(*arguments: object) -> Timed:
@@ -48,13 +50,15 @@ def timed_command(*arguments: object) -> Timed:
     code = "from rlgcomp.cli import main; main()"
     command = [sys.executable, "-c", _TIMING, sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, check=True)  # noqa: S603
-    wall_s, cpu_s = json.loads(done.stdout)
+    wall_s, cpu_s, peak_MiB = json.loads(done.stdout)
+    PEAK_MIB.append(peak_MiB)
     return Timed(None, wall_s, cpu_s)
 
 
-def _folder() -> Path:
+def folder_of_data() -> Path:
+    """A new folder, removed when Python ends."""
     folder = tempfile.TemporaryDirectory()
-    _FOLDERS.append(folder)  # removed when Python ends
+    _FOLDERS.append(folder)
     return Path(folder.name)
 
 
@@ -64,7 +68,7 @@ def _folder() -> Path:
 @functools.cache
 def _gyros() -> Path:
     """Two short runs of each gyro, a sample in ten seconds."""
-    folder = _folder()
+    folder = folder_of_data()
     for seed, run in itertools.product(range(GYROS), (1, 2)):
         write(simulated_unit(seed).simulate("short", seed=run, step_s=10.0), folder / f"{seed}-{run}.parquet")
     return folder
@@ -72,7 +76,7 @@ def _gyros() -> Path:
 
 def fleet_table(units: int) -> Path:
     """Table of as many units, which have the files of the gyros in turn."""
-    files, table = _gyros(), _folder() / "units.csv"
+    files, table = _gyros(), folder_of_data() / "units.csv"
     lines = [f"unit-{k},{files / f'{k % GYROS}-1.parquet'};{files / f'{k % GYROS}-2.parquet'}" for k in range(units)]
     table.write_text("\n".join(["unit,train", *lines]) + "\n", encoding="utf-8")
     return table
@@ -95,7 +99,7 @@ def _digest(out: Path) -> str:
 def _fleet(units: int) -> Callable[[bool], Case]:
     def prepare(quick: bool) -> Case:
         number = min(units, GYROS // 2) if quick else units
-        table, folder = fleet_table(number), _folder()
+        table, folder = fleet_table(number), folder_of_data()
         places = (folder / f"out-{k}" for k in itertools.count())
         one = Peer("one worker", lambda: fleet_command(table, next(places)), different, 0.0)
         return Case(lambda: fleet_command(table, next(places), "--jobs", 2), [one], size=f"{number} units", n=number)
@@ -112,12 +116,12 @@ def different(ours: object, theirs: object) -> float:
 
 
 def _demo(quick: bool) -> Case:
-    places = (_folder() / "demo" for _ in itertools.count())
+    places = (folder_of_data() / "demo" for _ in itertools.count())
     return Case(lambda: timed_command("demo", *(["--quick"] if quick else []), "--out", next(places)), size="three runs")
 
 
 def _calibration(quick: bool) -> Case:
-    folder, files = _folder(), []
+    folder, files = folder_of_data(), []
     triad = next(drawn_triads(1, TriadErrors(), seed=5))
     for k, name in enumerate(("step-1", "step-2", "step-3")):
         files.append(folder / f"{name}.parquet")
@@ -127,7 +131,7 @@ def _calibration(quick: bool) -> Case:
 
 
 def _turning(quick: bool) -> Case:
-    folder = _folder()
+    folder = folder_of_data()
     noise = NoiseModel(angle_random_walk_deg_sqrt_h=4e-4)
     gyros = {axis: RotatingGyro(noise, liu_harmonics(k)) for k, axis in enumerate("xyz")}
     write(simulate_rotation(gyros, ((60.0, 600.0 if quick else 7200.0),), seed=1), folder / "turning.parquet")
@@ -147,7 +151,7 @@ def _diagnose_longer(short: bool) -> Case:
 
 
 def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
-    folder = _folder()
+    folder = folder_of_data()
     simulator.to_yaml(folder / "sim.yaml")
     files = [folder / f"run-{k}.parquet" for k in range(len(runs))]
     for path, run in zip(files, runs, strict=True):

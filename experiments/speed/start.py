@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Callable
 from typing import Final
 
-from experiments.speed.measure import Case, Peer, Row
+from experiments.speed.measure import Case, Peer, Row, Timed
 
 
-def _run(code: str, *arguments: str) -> str:
-    return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True).stdout  # noqa: S603
+def _run(code: str, *arguments: str) -> Timed:
+    """Output of a Python process, with its time."""
+    with tempfile.TemporaryFile("w+") as output:
+        began = time.perf_counter()
+        process = subprocess.Popen([sys.executable, "-c", code, *arguments], stdout=output)  # noqa: S603
+        _, status, spent = os.wait4(process.pid, 0)
+        wall_s = time.perf_counter() - began
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise subprocess.CalledProcessError(process.returncode, process.args)
+        output.seek(0)
+        return Timed(output.read(), wall_s, spent.ru_utime + spent.ru_stime)
 
 
 def _case(code: str, *arguments: str) -> Callable[[bool], Case]:
@@ -22,7 +35,7 @@ def _case(code: str, *arguments: str) -> Callable[[bool], Case]:
         del quick  # starting has no size
         return Case(
             lambda: _run(code, *arguments),
-            [Peer("python -c pass", lambda: _run("pass"), lambda ours, theirs: len(_run(ask).split()), 0.0)],
+            [Peer("python -c pass", lambda: _run("pass"), lambda ours, theirs: len(_run(ask).result.split()), 0.0)],
             size="heavy libraries imported count as disagreement",
         )
 
