@@ -43,7 +43,7 @@ def runs() -> list[Recording]:
 
 def fit_with(runs: list[Recording], *forms: Form) -> Fit:
     """A fit of an output that follows a temperature's square root, so that all weights of the forms are used."""
-    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["temperature_rate"]})
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["light_intensity"]})
     grid = Grid.of(runs)
     data = Data(tuple(Run.of(run, grid, lambda binned: np.sqrt(60.0 + binned.column("temperature_block_degC"))) for run in runs))
     baseline = Baseline(simulator).linearised(data)

@@ -101,3 +101,40 @@ def test_covariances_are_those_of_dense_algebra() -> None:
     difference = np.eye(60, k=1)[:-1] - np.eye(60)[:-1]  # the change between two readings is nearly the rate between them
     over = (groups[:-1, None] == np.arange(2, 8)).astype(np.float64) / 5.0
     np.testing.assert_allclose(np.diag(of_rates)[2:8], np.diag(over.T @ difference @ posterior @ difference.T @ over), rtol=0.3)
+
+
+def test_a_course_that_follows_another_is_the_posterior_of_dense_algebra() -> None:
+    rng = np.random.default_rng(8)
+    n, noise = 80, 0.04
+    expected = np.column_stack([np.sin(np.arange(n) / 7.0), np.exp(-np.arange(n) / 20.0)])
+    read = integrated_walk(n, 1e-5, rng) + expected @ [0.9, -0.6] + math.sqrt(noise) * rng.standard_normal(n)
+    course = Course.of_noisy(read, noise).following(expected)
+    spread = float(np.max(np.diff(read) ** 2)) + noise
+    prior = covariance(n, course.intensity, spread) + expected @ expected.T
+    gain = prior @ np.linalg.inv(prior + noise * np.eye(n))
+    posterior = prior - gain @ prior
+    np.testing.assert_allclose(course.values, read[0] + gain @ (read - read[0]), atol=1e-5)
+    np.testing.assert_allclose(course.variances, np.diag(posterior), rtol=0.01)
+    total = prior + noise * np.eye(n)
+    off = read - read[0]
+    evidence = -0.5 * (np.linalg.slogdet(2.0 * math.pi * total)[1] + off @ np.linalg.solve(total, off))
+    assert course.log_evidence == pytest.approx(evidence, rel=1e-6)
+    means = np.kron(np.eye(16), np.full((5, 1), 0.2))
+    of_values, _ = course.covariances(np.repeat(np.arange(16), 5), 16)
+    np.testing.assert_allclose(of_values, means.T @ posterior @ means, atol=5e-3 * np.max(posterior))
+
+
+def test_a_course_that_follows_a_lag_is_nearer_the_truth() -> None:
+    rng = np.random.default_rng(9)
+    n = 1200
+    shell = 12.0 * np.sin(np.arange(n) / 150.0) + integrated_walk(n, 1e-8, rng)
+    block = np.empty(n)
+    block[0] = shell[0]
+    for k in range(1, n):
+        block[k] = block[k - 1] + (shell[k] - block[k - 1]) / 60.0
+    alone = Course.of_rounded(np.round(block), 1.0)
+    lags = [np.convolve(shell - shell[0], np.exp(-np.arange(n) / tau) / tau)[:n] for tau in (20.0, 60.0, 180.0)]
+    course = alone.following(np.column_stack([*lags, np.exp(-np.arange(n) / 60.0)]))
+    assert course.log_evidence > alone.log_evidence
+    assert np.std(np.gradient(course.values - block)) < 0.5 * np.std(np.gradient(alone.values - block))
+    assert 0.2 < np.mean((course.values - block) ** 2 / course.variances) < 3.0

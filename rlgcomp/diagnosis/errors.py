@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -28,9 +28,9 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 _CORRELATED: Final = 1.0 / 6.0  # of a step: the way after which errors of rounding are independent
-_SHOWN: Final = 0.05  # of the white noise of a window mean, in variance, from which on errors count
-_MOVED: Final = 0.05  # of a rate's range, for the slope of what follows it
+_SHOWN: Final = 0.3  # of the density of the white noise, from which on errors count, those that last among them
 _MOST_OUTLIERS: Final = 0.02  # of all windows
+_MOVED: Final = 0.05  # of a rate's range, for the slope of what follows it
 _SAME: Final = 0.1  # of logarithms of variances, on average, is no difference
 
 
@@ -48,7 +48,7 @@ class Errors:
     blocks: tuple[Array, ...] = dataclasses.field(repr=False)
     outliers: tuple[int, ...] = ()
 
-    def with_outliers(self, residual: Array, spread: Array, known: tuple[int, ...]) -> Errors:
+    def with_outliers(self, residual: Array, spread: Array, known: tuple[int, ...], among: Collection[int] | None = None) -> Errors:
         """The same with windows as outliers where that is likelier.
 
         Parameters
@@ -57,11 +57,13 @@ class Errors:
             Of each window given all others, and its standard deviation over the white noise.
         known : tuple of int
             Windows that the spread has as outliers.
+        among : collection of int, optional
+            Windows that may be outliers; all may be without it.
         """
         usual = spread**2
         usual[list(known)] = np.maximum(usual[list(known)] - priors.OUTLIER_SIZE**2, 1.0)
         clear = 2.0 * (math.log(1.0 / priors.OUTLIER_ODDS) + math.log(priors.OUTLIER_SIZE))
-        found = np.flatnonzero(residual**2 > clear * usual).tolist()
+        found = [int(k) for k in np.flatnonzero(residual**2 > clear * usual) if among is None or k in among]
         if len(found) > _MOST_OUTLIERS * len(residual):
             return self
         blocks, first = [], 0
@@ -101,7 +103,7 @@ class Errors:
     @property
     def count(self) -> bool:
         """Whether they are more than nothing."""
-        return bool(self.variances.mean() > _SHOWN) or bool(self.outliers)
+        return bool(self.outliers) or max(float(np.abs(block).sum(axis=1).max()) for block in self.blocks) > _SHOWN
 
     def like(self, other: Errors) -> bool:
         """Whether another is next to the same."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -118,8 +118,15 @@ class Evidence:
         on_time = tuple((basis, w) for (basis, _), w in zip(parts, weights, strict=True) if not isinstance(basis, Late))
         return Prediction(baseline, numbers, on_time), given
 
-    def errors(self, members: Set) -> Errors | None:
-        """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing."""
+    def errors(self, members: Set, among: Collection[int] | None = None) -> Errors | None:
+        """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing.
+
+        Parameters
+        ----------
+        members : tuple of Member
+        among : collection of int, optional
+            Windows that may be outliers; all may be without it.
+        """
         fitted = self.prediction(members)
         if fitted is None:
             return None
@@ -127,7 +134,7 @@ class Evidence:
         variance = given.square / self.whitened.freedom
         found = errors_of(self.bank.data, prediction.values, prediction.made_of, variance)
         known = () if self.noise.errors is None else self.noise.errors.outliers
-        found = found.with_outliers(*self.whitened.given_others(given.residual() / math.sqrt(variance)), known)
+        found = found.with_outliers(*self.whitened.given_others(given.residual() / math.sqrt(variance)), known, among)
         return found if found.count else None
 
     def block(self, member: Member) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any, Final, Self
 
 import numpy as np
@@ -15,9 +16,12 @@ from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, lagged
 from rlgcomp.numerics.hysteresis import play_paths
-from rlgcomp.numerics.relays import STARTS, Start, relay_states, states_before
+from rlgcomp.numerics.relays import STARTS, Start, relay_states, states_after, states_before, turning_points
 
 Array = npt.NDArray[np.float64]
+Histories = tuple[tuple[str, tuple[float, ...]], ...]
+"""Runs by name, and values between which a driver went before each of them, in units of its range; last, without a name, before
+any other run."""
 SIDES: Final[tuple[Start, ...]] = ("rested", "below", "above")
 _OTHER_HISTORY: Final = 0.25  # of a polishing step, from which on other histories are tried
 PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
@@ -27,6 +31,8 @@ _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
 _STEPS: Final = 65534.0  # of a state from 0 to 1; a half is one of them
 _SPREAD: Final = 10  # radii of a mean over plays
+_AFTER: Final = ""  # the name of a run after all others
+_LEAST_TURN: Final = 0.02  # of a driver's half range: no relay that matters is narrower
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,6 +128,8 @@ class Relays(Basis):
         Runs by name in which a single relay may have come from either side, and their first values.
     opposite : tuple of str
         Those of them in which its state at first is the other one than after a rest.
+    histories : tuple of (str, tuple of float)
+        What was before runs, where that is known.
     """
 
     driver: Driver
@@ -132,9 +140,12 @@ class Relays(Basis):
     widest: float = math.inf
     begins: tuple[tuple[str, float], ...] = ()
     opposite: tuple[str, ...] = ()
+    histories: Histories = ()
 
     def columns(self, run: Run) -> Array:
         values, up, down = self.driver.values(run), np.array(self.up), np.array(self.down)
+        if self.histories:
+            return relays(values, up, down, self.start, _before(run, self.histories))
         if run.name not in self.opposite:
             return relays(values, up, down, self.start)
         return relays(values, up, down, "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above")
@@ -167,9 +178,10 @@ class Plays(Basis):
     radius: float
     spread: bool
     start: Start = "rested"
+    histories: Histories = ()
 
     def columns(self, run: Run) -> Array:
-        key = ("plays", self.driver, self.start)
+        key = ("plays", self.driver, self.start, _before(run, self.histories))
         if key not in run.cache:
             run.cache[key] = self._states(run, np.concatenate([self._radii(radius) for radius in priors.RADII]))
         values, radii = self.driver.values(run), self._radii(self.radius)
@@ -190,8 +202,9 @@ class Plays(Basis):
         return radius * np.r_[-np.log((np.arange(_SPREAD) + 0.5) / _SPREAD), 1.0]
 
     def _states(self, run: Run, radii: Array) -> Array:
-        values = self.driver.values(run)
-        return play_paths(values[:, None], radii, values[0] - STARTS[self.start] * radii)
+        before = _before(run, self.histories)
+        values = np.r_[before, self.driver.values(run)]
+        return play_paths(values[:, None], radii, values[0] - STARTS[self.start] * radii)[len(before) :]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         ratio = priors.RADII[1] / priors.RADII[0]
@@ -218,12 +231,13 @@ class Preisach(Basis):
     width: float = 0.5
     levels: int = priors.PREISACH_LEVELS
     start: Start = "rested"
+    histories: Histories = ()
 
     def columns(self, run: Run) -> Array:
         up, down = dense(self.levels)
-        key = ("plane", self.driver, self.levels, self.start)
+        key = ("plane", self.driver, self.levels, self.start, before := _before(run, self.histories))
         if key not in run.cache:
-            run.cache[key] = _packed(relays(self.driver.values(run), up, down, self.start))
+            run.cache[key] = _packed(relays(self.driver.values(run), up, down, self.start, before))
         return np.asarray((_unpacked(run.cache[key]) - np.float32(0.5)) @ self.densities().astype(np.float32), dtype=np.float64)
 
     def densities(self) -> Array:
@@ -312,6 +326,31 @@ def dense(count: int) -> tuple[Array, Array]:
     return up + cell * ((0.5 + k / _PLASTIC) % 1.0 - 0.5), down + cell * ((0.5 + k / _PLASTIC**2) % 1.0 - 0.5)
 
 
-def relays(values: Array, up: Array, down: Array, start: Start) -> Array:
-    """States of relays, 0 or 1, shape (bins, relays); 0.5 until the run decides where its history is unknown."""
-    return relay_states(values, up, down, states_before(values[0], up, down, start))
+def relays(values: Array, up: Array, down: Array, start: Start, before: Sequence[float] = ()) -> Array:
+    """States of relays, 0 or 1, shape (bins, relays); 0.5 until the run, or what was before it, decides an unknown state."""
+    first = states_before(before[0] if len(before) else values[0], up, down, start)
+    return relay_states(values, up, down, states_after(before, up, down, first))
+
+
+def one_after_the_other(driver: Driver, runs: Sequence[Run]) -> Histories:
+    """Histories of runs that each began where the one before had ended, and of a run after them; the first one's is unknown."""
+    turns: tuple[float, ...] = ()
+    found = []
+    for run in runs:
+        found.append((run.name, turns))
+        turns = turning_points(np.r_[turns, driver.values(run)], _LEAST_TURN)
+    return (*found, (_AFTER, turns))
+
+
+def sides(up: Array, down: Array, start: Start, histories: Histories) -> dict[Start, npt.NDArray[np.bool_]]:
+    """Relays by the start that makes them go on, in a further run, from where the last run left them."""
+    after = dict(histories).get(_AFTER, ())
+    if not after:
+        return {start: np.ones(len(up), dtype=np.bool_)}
+    states = states_after(after, up, down, states_before(after[0], up, down, start))
+    return {"below": states == 0.0, "above": states == 1.0, "unknown": states == 0.5}
+
+
+def _before(run: Run, histories: Histories) -> tuple[float, ...]:
+    known = dict(histories)
+    return known.get(run.name, known.get(_AFTER, ()))

@@ -16,16 +16,27 @@ import numpy as np
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Magnitude, Own, Power, Product, Shift, Smooth
-from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.memories import SIDES, Conduction, Lag, Plays, Preisach, Relays, Spectrum, Undecided, plane
+from rlgcomp.diagnosis.memories import (
+    SIDES,
+    Conduction,
+    Lag,
+    Plays,
+    Preisach,
+    Relays,
+    Spectrum,
+    Undecided,
+    one_after_the_other,
+    plane,
+)
 from rlgcomp.diagnosis.symmetries import symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
-_DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3))  # radius and smoothness
+_DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3), (1.5, 0.15))  # radius and smoothness
 _HISTORIES: Final = 4  # columns a run of what was before it, beside a smooth density
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
@@ -150,18 +161,19 @@ def _departures_of_loops(driver: Driver, levels: int) -> tuple[Basis, ...]:
     return Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.25, 14)
 
 
-def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[Family]:
+def _hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Family]:
     up, down = plane(priors.RELAY_LEVELS, 1.0)
     every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
     kin = _departures_of_loops(driver, levels)
-    shapes: list[tuple[str, list[Basis]]] = [
+    shapes: list[tuple[str, list[Plays | Preisach | Relays]]] = [
         ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
         ("b = play(u; radius) - u", [Plays(driver, r, False) for r in priors.RADII]),
         ("b = relays of exponential density", [Preisach(driver, r, False, levels=levels) for r in (0.1, 0.25, 0.6, 1.5)]),
         ("b = relays of smooth density", [Preisach(driver, r, True, w, levels) for r, w in _DENSITIES]),
         ("b = relays, each with a level of its own", [every]),
     ]
-    one, smooth = EachRun(Undecided(driver, 0.7, levels), runs), EachRun(Undecided(driver, 1.5, levels, _HISTORIES), runs)
+    names = tuple(run.name for run in runs)
+    one, smooth = EachRun(Undecided(driver, 0.7, levels), names), EachRun(Undecided(driver, 1.5, levels, _HISTORIES), names)
     families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
     before = [
         Family(
@@ -171,14 +183,28 @@ def _hysteresis_of(driver: Driver, runs: tuple[str, ...], levels: int) -> list[F
         )
         for equation, bases in shapes
     ]
-    return [*families, *before]
+    if len(runs) < 2:
+        return [*families, *before]
+    histories = one_after_the_other(driver, runs)
+    after = [
+        Family(
+            f"{equation}, one run after the other",
+            [
+                (dataclasses.replace(b, start="unknown", histories=histories), smooth if isinstance(b, Preisach) else one)
+                for b in bases
+            ],
+            kin,
+        )
+        for equation, bases in shapes
+    ]
+    return [*families, *before, *after]
 
 
 def _hysteresis(setting: Setting) -> list[Family]:
     driver = setting.temperature
     kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
     single = [(relay,) for relay in _single_relays(setting)]
-    families = _hysteresis_of(driver, setting.names, priors.PREISACH_LEVELS)
+    families = _hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS)
     return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
 
 
@@ -473,7 +499,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
             families = [Family(f"b = k lag({column}, time_constant_s)", late, kin)]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
-            families = _hysteresis_of(driver, setting.names, priors.LAW_LEVELS)
+            families = _hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS)
             yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]

@@ -88,15 +88,36 @@ class Search(Members):
         self._near: set[str] = set()
         self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
         self._errors: list[Errors] = []
+        self._outliers: tuple[int, ...] | None = None
 
     # --- the search ------------------------------------------------------------------------------------------------------------
 
     def run(self) -> list[State]:
-        """All states that were visited, the likeliest first."""
+        """All states that were visited, the likeliest first.
+
+        Windows that are no outliers beside the null may be outliers beside the sets that the search ends at alone: a set that
+        lacks a term has many, and they would hide it.
+        """
         null = self.refined(self.converged(()))
+        self._outliers = () if null.noise.errors is None else null.noise.errors.outliers
         wander = self._wandering(null)
-        beam, best = [null, *([wander] if wander.log_posterior > null.log_posterior else [])], null.log_posterior
-        for size in range(1, _MOST + 1):
+        self._beam(null, [null, *([wander] if wander.log_posterior > null.log_posterior else [])])
+        allowed, self._outliers = len(self._outliers), None
+        found = [self.refined(state) for state in dict.fromkeys((*self._ordered()[:_BEAM], null))]
+        if any(state.noise.errors is not None and len(state.noise.errors.outliers) > allowed for state in found):
+            best = max(state.log_posterior for state in found)
+            self._beam(null, [state for state in found if state.log_posterior > best - _WITHIN])
+        for state in self._ordered()[:_WITH_WANDER]:
+            self._wandering(state)
+        return self._ordered()
+
+    def _ordered(self) -> list[State]:
+        return sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
+
+    def _beam(self, null: State, beam: list[State]) -> None:
+        """States with one more member each time, as long as one is likelier, or was before it."""
+        first, best = min(len(state.members) for state in beam) + 1, max(state.log_posterior for state in beam)
+        for size in range(first, _MOST + 1):
             children: dict[frozenset[str], State] = {}
             for k, state in enumerate(beam):
                 for child in self.expanded(state, every=k == 0):
@@ -115,10 +136,6 @@ class Search(Members):
             beam = [state for state in beam if state.log_posterior > best - _WITHIN] or beam[:1]
         self._exchange()
         self._exchange_pairs()
-        ordered = sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
-        for state in ordered[:_WITH_WANDER]:
-            self._wandering(state)
-        return sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)
 
     def _selected(self, state: State) -> State:
         """A state with its last member in some of the runs, or with an amplitude a run, where that is likelier."""
@@ -416,7 +433,7 @@ class Search(Members):
 
     def _errors_of(self, state: State) -> Errors | None:
         """Errors of the drivers of a state, the same object where they are next to the same."""
-        found = self.evidence(state.noise).errors(state.members)
+        found = self.evidence(state.noise).errors(state.members, self._outliers)
         if found is None:
             return None
         known = next((one for one in self._errors if one.like(found)), None)

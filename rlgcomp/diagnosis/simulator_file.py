@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.bases import Basis, Glitch, Own, Product, Shift
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense
+from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
 from rlgcomp.diagnosis.turning import TimesRate
@@ -270,11 +270,11 @@ class _Written:
                 of = _driver(basis.driver) | {"memory": "plays", "start": basis.start}
                 return [law(**of, knots=tuple(radii.tolist()), weights=tuple(each.tolist()))], True
             case Relays():
-                return [_relays(law, basis.driver, np.array(basis.up), np.array(basis.down), weights, basis.start)], True
+                return _relays(law, basis, np.array(basis.up), np.array(basis.down), weights), True
             case Preisach():
-                up, down = dense(basis.levels)
-                relays = _relays(law, basis.driver, up, down, basis.densities() @ weights, basis.start)
-                return [relays, law(knots=(0.0,), weights=(-0.5 * float(np.sum(basis.densities() @ weights)),))], True
+                of_each = basis.densities() @ weights
+                relays = _relays(law, basis, *dense(basis.levels), of_each)
+                return [*relays, law(knots=(0.0,), weights=(-0.5 * float(np.sum(of_each)),))], True
             case Product():
                 one, other = basis.one.driver, basis.other.driver
                 product = float(weights[0]) / (one.half * other.half)
@@ -365,12 +365,22 @@ def tabulated(function: Any, knots: Array, precision: float) -> Array:
     return knots
 
 
-def _relays(law: Any, driver: Driver, up: Array, down: Array, weights: Array, start: str = "rested") -> TabulatedLaw:
+def _relays(law: Any, basis: Relays | Preisach, up: Array, down: Array, weights: Array) -> list[TabulatedLaw]:
+    """Relays as laws, one for each start that some of them have; those of next to no weight are left out."""
+    driver, found = basis.driver, []
     used = np.abs(weights) > _SMALL * np.abs(weights).max(initial=0.0)
     used = used if used.any() else np.arange(len(weights)) == 0
-    raw_up, raw_down = (driver.centre + driver.half * level[used] for level in (up, down))
-    tables = {"knots": tuple(raw_up.tolist()), "knots_2": tuple(raw_down.tolist()), "weights": tuple(weights[used].tolist())}
-    return law(**_driver(driver), **tables, memory="relays", start=start)
+    for start, there in sides(up, down, basis.start, basis.histories).items():
+        rows = used & there
+        if rows.any():
+            raw_up, raw_down = (driver.centre + driver.half * level[rows] for level in (up, down))
+            tables = {
+                "knots": tuple(raw_up.tolist()),
+                "knots_2": tuple(raw_down.tolist()),
+                "weights": tuple(weights[rows].tolist()),
+            }
+            found.append(law(**_driver(driver), **tables, memory="relays", start=start))
+    return found
 
 
 def _lags(basis: Lag | Conduction | Spectrum, weights: Array) -> tuple[list[float], Array]:

@@ -7,12 +7,15 @@ steps :math:`s` after noise of variance :math:`\sigma^2`, says that the course :
 
 The posterior of the course is found by expectation propagation: each reading is replaced by a normal one that has the same mean and
 variance beside all others, and a Kalman smoother takes these together. The intensity q of the walk, and the noise where it is not
-known, are those of the largest evidence.
+known, are those of the largest evidence. Where other courses :math:`x_j` may be followed, the course is :math:`u + \sum_j w_j x_j`
+with normal weights; these are regressed on the innovations of one filter (as by Durbin and Koopman), and their errors join the
+posterior.
 
 References
 ----------
 T. P. Minka, "Expectation propagation for approximate Bayesian inference", Proc. UAI 17, 362 (2001).
 H. E. Rauch, F. Tung, C. T. Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA J. 3, 1445 (1965).
+J. Durbin, S. J. Koopman, Time Series Analysis by State Space Methods, Oxford University Press, 2012, section 6.2.
 C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning, MIT Press, 2006, section 3.6 and appendix B.2.
 """
 
@@ -54,8 +57,12 @@ class Course:
         Of the smoother: covariance of value and rate at a reading with those at the next, over the variance of these; by rows.
     moments : ndarray, shape (n, 3)
         Variance of the value, its covariance with the rate, and variance of the rate; a rate is the change from reading to reading.
+    responses : ndarray, shape (n, k)
+        Errors that uncertain weights of expected courses bring, each of variance one.
     log_evidence : float
         Of the readings, up to a constant of their number.
+    readings : _Readings
+        What it is the course behind.
     intensity : float
         Variance of the rate's steps from one reading to the next, in units of the readings.
     """
@@ -64,7 +71,9 @@ class Course:
     variances: Array
     gains: Array
     moments: Array
+    responses: Array
     log_evidence: float
+    readings: _Readings
     intensity: float
 
     @classmethod
@@ -77,7 +86,7 @@ class Course:
         noise : float
             Variance, above zero.
         """
-        exact = _Readings(readings, 0.0, noise)
+        exact = _Readings(readings, 0.0, noise, np.empty((len(readings), 0)))
         return cls._climbed(exact, exact.rough)
 
     @classmethod
@@ -90,12 +99,16 @@ class Course:
         step : float
             Above zero.
         """
-        first = _Readings(readings, step, (_NOISES[1] * step) ** 2)
+        first = _Readings(readings, step, (_NOISES[1] * step) ** 2, np.empty((len(readings), 0)))
         best = cls._climbed(first, first.rough)
         for share in (_NOISES[0], *_NOISES[2:]):
             other = cls._climbed(dataclasses.replace(first, noise=(share * step) ** 2), best.intensity)
             best = max(best, other, key=lambda course: course.log_evidence)
         return best
+
+    def following(self, expected: Array) -> Self:
+        """The course as one that may follow others, with weights of variance one, shape (n, k); what is left of it is smooth."""
+        return self._climbed(dataclasses.replace(self.readings, expected=expected), self.intensity)
 
     def covariances(self, groups: npt.NDArray[np.intp], count: int) -> tuple[Array, Array]:
         r"""Covariances of the errors of means over groups of readings, of the value and of the rate, shape (count, count) each.
@@ -112,15 +125,25 @@ class Course:
         _sum_covariances(self.gains, self.moments, groups, of_values, of_rates)
         sizes = np.maximum(np.bincount(groups[groups < count], minlength=count), 1).astype(np.float64)
         pairs = np.outer(sizes, sizes)
-        return of_values / pairs, of_rates / pairs
+        return (
+            of_values / pairs + self._of_weights(self.responses, groups, sizes),
+            of_rates / pairs + self._of_weights(np.gradient(self.responses, axis=0), groups, sizes),
+        )
+
+    def _of_weights(self, table: Array, groups: npt.NDArray[np.intp], sizes: Array) -> Array:
+        """Covariances of means over groups that uncertain weights bring, from what each of them brings to readings."""
+        inside = groups < len(sizes)
+        sums = [np.bincount(groups[inside], column[inside], len(sizes)) for column in table.T]
+        means = np.column_stack([np.zeros((len(sizes), 0)), *(one / sizes for one in sums)])
+        return np.asarray(means @ means.T)
 
     @classmethod
     def _climbed(cls, readings: _Readings, intensity: float) -> Self:
         """Over intensities of the walk, downwards from one as long as the evidence grows, else upwards."""
-        best = cls(*readings.posterior(intensity), intensity)
+        best = cls(*readings.posterior(intensity), readings, intensity)
         for ratio in (1.0 / _RATIO, _RATIO):
             while _SMOOTHEST < best.intensity * ratio / readings.scale < _ROUGHEST:
-                found = cls(*readings.posterior(best.intensity * ratio), best.intensity * ratio)
+                found = cls(*readings.posterior(best.intensity * ratio), readings, best.intensity * ratio)
                 if not found.log_evidence > best.log_evidence:  # or it is not a number
                     break
                 best = found
@@ -140,11 +163,14 @@ class _Readings:
         0 where they are not rounded.
     noise : float
         Variance before rounding.
+    expected : ndarray, shape (n, k)
+        What the course may follow, with weights of variance one; the rest of it is smooth.
     """
 
     values: Array
     step: float
     noise: float
+    expected: Array
 
     def __post_init__(self) -> None:
         self.values = np.ascontiguousarray(self.values, dtype=np.float64)
@@ -157,86 +183,110 @@ class _Readings:
         """An intensity that is rather too large."""
         return _ROUGH * max(float(np.mean(np.diff(self.values, 2) ** 2)), self.scale)
 
-    def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, float]:
-        """Means, variances, gains, moments and log evidence; the normal readings stay as they came out."""
-        n = len(self.values)
-        means, gains, moments, forward = np.empty(n), np.zeros((n, 4)), np.empty((n, 3)), np.empty((n, 10))
+    def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, Array, float]:
+        """Means, variances, gains, moments, responses and log evidence; the normal readings stay as they came out."""
+        n, first = len(self.values), self.values[0]
+        filtered, gains, moments = np.empty((n, 9)), np.zeros((n, 4)), np.empty((n, 3))
         spread = float(np.max(np.diff(self.values) ** 2)) + self.scale  # of the first value, and of the first rate
-        rounds = _ROUNDS if self.step else 1
-        log_evidence = 0.0
-        for _ in range(rounds):
-            log_evidence = _filter(self.shifts, self.precisions, intensity, self.values[0], spread, forward)
-            log_evidence += _smooth(
-                self.values, self.step, self.noise, self.shifts, self.precisions, forward, means, gains, moments
-            )
-        return means, moments[:, 0], gains, moments, log_evidence
+        means, variances, responses, log_evidence = self.values, self.values, np.empty((n, 0)), 0.0
+        for _ in range(_ROUNDS if self.step else 1):
+            _filter(self.precisions, intensity, spread, filtered)
+            _smooth(filtered, gains, moments)
+            innovations, smooth = self._response(self.shifts / self.precisions - first, filtered, gains)
+            log_evidence = -0.5 * float(np.sum(np.log(2.0 * math.pi * filtered[:, 0])) + innovations @ innovations)
+            means, variances = first + smooth, moments[:, 0].copy()
+            if self.expected.shape[1]:
+                parts = [self._response(column, filtered, gains) for column in self.expected.T]
+                seen, followed = (np.column_stack(one) for one in zip(*parts, strict=True))
+                root = np.linalg.cholesky(np.eye(seen.shape[1]) + seen.T @ seen)
+                along = np.linalg.solve(root, seen.T @ innovations)
+                log_evidence += 0.5 * float(along @ along) - float(np.sum(np.log(np.diag(root))))
+                responses = np.linalg.solve(root, (self.expected - followed).T).T
+                means, variances = means + responses @ along, variances + np.sum(responses**2, axis=1)
+            if self.step:
+                log_evidence += _replace_all(self.values, self.step, self.noise, means, variances, self.shifts, self.precisions)
+        return means, variances, gains, moments, responses, log_evidence
+
+    def _response(self, column: Array, filtered: Array, gains: Array) -> tuple[Array, Array]:
+        """Innovations of a column over their standard deviations, and its smooth; shapes (n,)."""
+        innovations, smooth = np.empty(len(column)), np.empty(len(column))
+        _respond(np.ascontiguousarray(column), filtered, gains, innovations, smooth)
+        return innovations, smooth
 
 
 @compiled()
-def _filter(shifts: Array, precisions: Array, intensity: float, first: float, spread: float, forward: Array) -> float:
-    """Kalman filter of value and rate; fills the predicted and the filtered moments, five each, and returns the log evidence."""
-    value, rate = first, 0.0
+def _filter(precisions: Array, intensity: float, spread: float, filtered: Array) -> None:
+    """Kalman filter of value and rate: variance of the innovation, two gains, predicted and filtered covariances (vv, vr, rr)."""
     vv, vr, rr = spread, 0.0, spread
-    evidence = 0.0
-    for k in range(len(shifts)):
+    for k in range(len(precisions)):
         if k > 0:
-            value += rate
             vv += 2.0 * vr + rr + intensity / 3.0
             vr += rr + 0.5 * intensity
             rr += intensity
-        forward[k, 0], forward[k, 1], forward[k, 2], forward[k, 3], forward[k, 4] = value, rate, vv, vr, rr
         total = vv + 1.0 / precisions[k]
-        off = shifts[k] / precisions[k] - value
-        evidence -= 0.5 * (math.log(2.0 * math.pi * total) + off * off / total)
         gain_v, gain_r = vv / total, vr / total
-        value += gain_v * off
-        rate += gain_r * off
+        filtered[k, 0], filtered[k, 1], filtered[k, 2] = total, gain_v, gain_r
+        filtered[k, 3], filtered[k, 4], filtered[k, 5] = vv, vr, rr
         rr -= gain_r * vr
         vr -= gain_v * vr
         vv -= gain_v * vv
-        forward[k, 5], forward[k, 6], forward[k, 7], forward[k, 8], forward[k, 9] = value, rate, vv, vr, rr
-    return evidence
+        filtered[k, 6], filtered[k, 7], filtered[k, 8] = vv, vr, rr
 
 
 @compiled()
-def _smooth(
-    values: Array,
-    step: float,
-    noise: float,
-    shifts: Array,
-    precisions: Array,
-    forward: Array,
-    means: Array,
-    gains: Array,
-    moments: Array,
-) -> float:
-    """Rauch-Tung-Striebel smoother, and each normal reading made again beside all others; returns what joins the log evidence."""
-    n = len(values)
-    value, rate, vv, vr, rr = forward[n - 1, 5], forward[n - 1, 6], forward[n - 1, 7], forward[n - 1, 8], forward[n - 1, 9]
-    evidence = 0.0
-    for back in range(n):
+def _smooth(filtered: Array, gains: Array, moments: Array) -> None:
+    """Rauch-Tung-Striebel smoother: its gains (by rows) and its covariances (vv, vr, rr)."""
+    n = len(filtered)
+    vv, vr, rr = filtered[n - 1, 6], filtered[n - 1, 7], filtered[n - 1, 8]
+    moments[n - 1, 0], moments[n - 1, 1], moments[n - 1, 2] = vv, vr, rr
+    for back in range(1, n):
         k = n - 1 - back
-        if back > 0:
-            of_v, of_r, of_vv, of_vr, of_rr = forward[k, 5], forward[k, 6], forward[k, 7], forward[k, 8], forward[k, 9]
-            p_vv, p_vr, p_rr = forward[k + 1, 2], forward[k + 1, 3], forward[k + 1, 4]
-            determinant = p_vv * p_rr - p_vr * p_vr
-            a, b = of_vv + of_vr, of_vr
-            c, d = of_vr + of_rr, of_rr
-            g_vv, g_vr = (a * p_rr - b * p_vr) / determinant, (b * p_vv - a * p_vr) / determinant
-            g_rv, g_rr = (c * p_rr - d * p_vr) / determinant, (d * p_vv - c * p_vr) / determinant
-            gains[k, 0], gains[k, 1], gains[k, 2], gains[k, 3] = g_vv, g_vr, g_rv, g_rr
-            off_v, off_r = value - forward[k + 1, 0], rate - forward[k + 1, 1]
-            d_vv, d_vr, d_rr = vv - p_vv, vr - p_vr, rr - p_rr
-            value = of_v + g_vv * off_v + g_vr * off_r
-            rate = of_r + g_rv * off_v + g_rr * off_r
-            vv = of_vv + g_vv * (g_vv * d_vv + g_vr * d_vr) + g_vr * (g_vv * d_vr + g_vr * d_rr)
-            vr = of_vr + g_rv * (g_vv * d_vv + g_vr * d_vr) + g_rr * (g_vv * d_vr + g_vr * d_rr)
-            rr = of_rr + g_rv * (g_rv * d_vv + g_rr * d_vr) + g_rr * (g_rv * d_vr + g_rr * d_rr)
-        vv, rr = max(vv, 1e-300), max(rr, 1e-300)
-        means[k] = value
+        of_vv, of_vr, of_rr = filtered[k, 6], filtered[k, 7], filtered[k, 8]
+        p_vv, p_vr, p_rr = filtered[k + 1, 3], filtered[k + 1, 4], filtered[k + 1, 5]
+        determinant = p_vv * p_rr - p_vr * p_vr
+        a, b = of_vv + of_vr, of_vr
+        c, d = of_vr + of_rr, of_rr
+        g_vv, g_vr = (a * p_rr - b * p_vr) / determinant, (b * p_vv - a * p_vr) / determinant
+        g_rv, g_rr = (c * p_rr - d * p_vr) / determinant, (d * p_vv - c * p_vr) / determinant
+        gains[k, 0], gains[k, 1], gains[k, 2], gains[k, 3] = g_vv, g_vr, g_rv, g_rr
+        d_vv, d_vr, d_rr = vv - p_vv, vr - p_vr, rr - p_rr
+        vv = max(of_vv + g_vv * (g_vv * d_vv + g_vr * d_vr) + g_vr * (g_vv * d_vr + g_vr * d_rr), 1e-300)
+        vr = of_vr + g_rv * (g_vv * d_vv + g_vr * d_vr) + g_rr * (g_vv * d_vr + g_vr * d_rr)
+        rr = max(of_rr + g_rv * (g_rv * d_vv + g_rr * d_vr) + g_rr * (g_rv * d_vr + g_rr * d_rr), 1e-300)
         moments[k, 0], moments[k, 1], moments[k, 2] = vv, vr, rr
-        if step > 0.0:
-            evidence += _replace(k, values[k], step, noise, value, vv, shifts, precisions)
+
+
+@compiled()
+def _respond(column: Array, filtered: Array, gains: Array, innovations: Array, smooth: Array) -> None:
+    """Filter and smoother over a column: innovations over their standard deviations, and the smooth value."""
+    n = len(column)
+    states = np.empty((n, 4))  # predicted and filtered value and rate
+    value, rate = 0.0, 0.0
+    for k in range(n):
+        value += rate
+        states[k, 0], states[k, 1] = value, rate
+        off = column[k] - value
+        innovations[k] = off / math.sqrt(filtered[k, 0])
+        value += filtered[k, 1] * off
+        rate += filtered[k, 2] * off
+        states[k, 2], states[k, 3] = value, rate
+    smooth[n - 1] = value
+    for back in range(1, n):
+        k = n - 1 - back
+        off_v, off_r = value - states[k + 1, 0], rate - states[k + 1, 1]
+        value = states[k, 2] + gains[k, 0] * off_v + gains[k, 1] * off_r
+        rate = states[k, 3] + gains[k, 2] * off_v + gains[k, 3] * off_r
+        smooth[k] = value
+
+
+@compiled()
+def _replace_all(
+    values: Array, step: float, noise: float, means: Array, variances: Array, shifts: Array, precisions: Array
+) -> float:
+    """Each normal reading made again beside all others; returns what joins the log evidence."""
+    evidence = 0.0
+    for k in range(len(values)):
+        evidence += _replace(k, values[k], step, noise, means[k], variances[k], shifts, precisions)
     return evidence
 
 

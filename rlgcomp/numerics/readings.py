@@ -16,13 +16,14 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.numerics.courses import Course
+from rlgcomp.numerics.filters import lag
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -35,6 +36,10 @@ _LEVELS: Final = 6  # of a column that is rounded, at least: fewer are states
 _HIDDEN: Final = 0.08  # of a step's square, in variance: noise that steps hide
 _DITHERED: Final = 0.24  # from which on means of readings are those of what is read
 _OF_BIN: Final = 3  # readings of each bin
+_SHORTEST_LAG: Final = 4.0  # bins
+_LONGEST_LAG: Final = 3.0  # of a run, its share
+_LAGS_OF_HEAT: Final = 5
+_WEIGHT: Final = 2.0  # of such a lag, as a share of the course
 _JUMP: Final = 6.0  # standard deviations of the noise, by which no temperature leaves its course
 
 
@@ -109,6 +114,24 @@ class Readings:
         zeros = np.zeros(len(values))
         return cls(values, variance, zeros, 0.0, 0.0, zeros, course, each)
 
+    def following(self, others: Sequence[Array]) -> Self:
+        """A thermometer whose course may follow the lags of others, where that is likelier: heat goes from one place to the other.
+
+        Parameters
+        ----------
+        others : sequence of ndarray, shape (bins,)
+        """
+        if self.course is None or not others:
+            return self
+        bins = np.arange(len(self.values), dtype=np.float64)
+        times = np.geomspace(_SHORTEST_LAG, max(len(bins) / _LONGEST_LAG, 2.0 * _SHORTEST_LAG), _LAGS_OF_HEAT)
+        columns = [*(lag(other, bins, time) for other in others for time in times), *(np.exp(-bins / time) for time in times)]
+        spread = _WEIGHT * float(np.std(self.values))
+        expected = np.column_stack([spread * (column - column.mean()) / column.std() for column in columns])
+        at = (np.arange(len(bins) * self.each) + 0.5) / self.each - 0.5
+        course = self.course.following(np.column_stack([np.interp(at, bins, column) for column in expected.T]))
+        return self._behind(course, self.each) if course.log_evidence > self.course.log_evidence else self
+
     def covariances(self, window: IntArray, count: int) -> tuple[Array, Array] | None:
         """Covariances over windows of the errors of a course and of its rate over one bin; None where it is no posterior.
 
@@ -149,6 +172,11 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
     def detail(width: float) -> Array:
         return np.asarray(courses - gaussian_means(courses, width)[0])
 
+    thermometers = [name for name in spreads if diffuses(name)]
+    followed = {
+        name: found[name].following([found[other].values / spreads[other] for other in thermometers if other != name])
+        for name in thermometers
+    }
     noisy = [name for name, one in found.items() if one.noise and not one.step and not diffuses(name)]
     for name in noisy if len(spreads) > 1 else ():
         others = np.array([other != name for other in spreads])
@@ -158,7 +186,7 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
 
         values, variance, widths = smoothed(binned[name], found[name].noise, detail_of_others, errors[others])
         found[name] = dataclasses.replace(found[name], values=values, variance=variance, widths=widths)
-    return found
+    return found | followed
 
 
 def noise_variance(values: Array) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
@@ -45,6 +46,38 @@ def states_before(first: float, up: Array, down: Array, start: str) -> Array:
         return np.full(len(up), 0.5)
     level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
     return np.asarray(first >= level, dtype=np.float64)
+
+
+def states_after(history: Sequence[float], up: Array, down: Array, first: Array) -> Array:
+    """States of relays, shape (relays,), after an input has gone from one value of its history to the next."""
+    for value in history:
+        first = np.where(value >= up, 1.0, np.where(value <= down, 0.0, first))
+    return first
+
+
+def turning_points(values: Array, least: float) -> tuple[float, ...]:
+    """Extremes of a path that relays remember at its end: each lies between the two before it (the wiping-out property).
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    least : float
+        Swings less than this are left out, the last of them excepted.
+    """
+    if not len(values):
+        return ()
+    last = len(values) - 1
+    highest, lowest = last - int(np.argmax(values[::-1])), last - int(np.argmin(values[::-1]))
+    at, upwards = min(highest, lowest), lowest < highest
+    found = [float(values[at])]
+    while at < last:
+        rest = values[at + 1 :]
+        at += len(rest) - int(np.argmax(rest[::-1]) if upwards else np.argmin(rest[::-1]))
+        if abs(values[at] - found[-1]) < least:
+            break
+        found.append(float(values[at]))
+        upwards = not upwards
+    return tuple(found)
 
 
 @compiled()

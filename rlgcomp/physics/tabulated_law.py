@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import weakref
 from typing import Any, Final
 
 import numpy as np
@@ -11,10 +12,10 @@ import numpy as np
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import play_paths
-from rlgcomp.numerics.readings import Readings, diffuses
+from rlgcomp.numerics.readings import readings_of
 from rlgcomp.numerics.relays import STARTS, relay_states, states_before
 from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
-from rlgcomp.recording import Recording
+from rlgcomp.recording import TIME, Recording
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
@@ -210,8 +211,9 @@ class _Bins:
 
     Parameters
     ----------
-    rows, means : Recording
-        As recorded, and on bins.
+    recording : Recording
+    means : Recording
+        The same on bins, from its very first row on.
     elapsed_s : ndarray, shape (bins,)
         Middles of bins since the run's start.
     since_s : ndarray, shape (recorded bins,)
@@ -220,7 +222,7 @@ class _Bins:
         Middles of the recording's rows.
     """
 
-    rows: Recording
+    recording: Recording
     means: Recording
     elapsed_s: Array
     since_s: Array
@@ -235,11 +237,22 @@ class _Bins:
         rows_s = recording.time_s - recording.time_s[0] + 0.5 * period_s
         since_s = means.time_s - means.time_s[0] + 0.5 * step_s
         bins = int(np.rint((means.time_s[-1] - means.time_s[0]) / step_s)) + 1
-        return cls(whole, means, np.asarray((np.arange(bins) + 0.5) * step_s), since_s, rows_s)
+        return cls(recording, means, np.asarray((np.arange(bins) + 0.5) * step_s), since_s, rows_s)
 
     def column(self, name: str) -> Array:
         """A monitor on all bins, smoothed as far as its noise asks, straight lines over missing bins; a table may jump."""
-        means = self.means.column(name)
-        if name not in TURNING:
-            means = Readings.of(self.rows.column(name), means, diffuses=diffuses(name)).values
-        return np.interp(self.elapsed_s, self.since_s, means)
+        smooth = _smooth(self.recording, self.means).get(name)
+        return np.interp(self.elapsed_s, self.since_s, self.means.column(name) if smooth is None else smooth)
+
+
+_SMOOTH: Final[weakref.WeakKeyDictionary[Recording, dict[int, dict[str, Array]]]] = weakref.WeakKeyDictionary()
+
+
+def _smooth(recording: Recording, means: Recording) -> dict[str, Array]:
+    """Monitors of a recording on bins as all of them tell; once for all laws of a recording on the same bins."""
+    of_bins = _SMOOTH.setdefault(recording, {})
+    if len(means) not in of_bins:
+        names = [name for name in means.columns if name not in (TIME, *TURNING, *means.gyro_columns)]
+        read = readings_of(*({name: one.column(name) for name in names} for one in (recording, means)))
+        of_bins[len(means)] = {name: one.values for name, one in read.items()}
+    return of_bins[len(means)]

@@ -64,7 +64,7 @@ class Recording:
         The table is no valid recording; the message lists everything that is wrong.
     """
 
-    __slots__ = ("_arrays", "_columns", "_findings", "_metadata", "_name", "_sampling", "_table", "_truth")
+    __slots__ = ("__weakref__", "_arrays", "_columns", "_findings", "_metadata", "_name", "_sampling", "_table", "_truth")
 
     _table: pd.DataFrame
     _columns: tuple[str, ...]
@@ -266,7 +266,7 @@ class Recording:
         recording = Recording.__new__(Recording)
         table = self._table.copy(deep=False)
         table[name] = values
-        fields = {field: getattr(self, field) for field in Recording.__slots__}
+        fields = {field: getattr(self, field) for field in Recording.__slots__[1:]}  # the weak reference is no part of it
         for field, value in (fields | {"_table": table, "_arrays": {}, "_truth": None}).items():
             object.__setattr__(recording, field, value)
         return recording

@@ -1,0 +1,114 @@
+"""What relays and plays remember of the runs before a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.memories import Plays, Preisach, dense, one_after_the_other, plane, sides
+from rlgcomp.numerics.relays import relay_states, states_after, states_before, turning_points
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+PROGRAMMES = (
+    "start 20, ramp -30 1.5, hold 20, ramp 50 1.5, hold 20, ramp 10 1, hold 20",
+    "start 10, ramp 35 1, hold 20, ramp -5 1, hold 20",
+    "start -5, ramp 20 1, hold 20, ramp 0 1, hold 20",
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(path=st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=30))
+def test_turning_points_leave_relays_as_the_path_does(path: Sequence[float]) -> None:
+    up, down = plane(16)
+    first = np.full(len(up), 0.5)
+    found = turning_points(np.array(path), 0.0)
+    np.testing.assert_array_equal(states_after(found, up, down, first), states_after(path, up, down, first))
+    swings = np.abs(np.diff(found))
+    assert np.all(np.diff(swings[: len(swings) - 1]) <= 0.0)
+
+
+def test_least_swings_are_left_out() -> None:
+    path = np.r_[0.0, 1.0, -1.0, 0.5, 0.5 + 0.01 * np.sin(np.arange(20))]
+    assert len(turning_points(path, 0.05)) == 3
+    assert len(turning_points(path, 0.0)) > 3
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    plant = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    return [plant.simulate(p, seed=k, step_s=10.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+
+
+def data_of(recordings: Sequence[Recording]) -> Data:
+    grid = Grid.of(recordings)
+    return Data(tuple(Run.of(one, grid, lambda binned: np.zeros(len(binned))) for one in recordings))
+
+
+def test_runs_one_after_the_other_are_one_long_run(recordings: list[Recording]) -> None:
+    data = data_of(recordings)
+    driver = Driver.of(data, "temperature_block_degC")
+    histories = one_after_the_other(driver, data.runs)
+    assert [name for name, _ in histories] == ["run0", "run1", "run2", ""]
+    assert histories[0][1] == ()
+    up, down = plane(24, 1.0)
+    long = np.concatenate([driver.values(run) for run in data.runs])
+    states = relay_states(long, up, down, np.full(len(up), 0.5))
+    for run, (_, turns), end in zip(data.runs, histories[:3], np.cumsum([run.bins for run in data.runs]), strict=True):
+        first = states_after(turns, up, down, np.full(len(up), 0.5))
+        own = relay_states(driver.values(run), up, down, first)
+        np.testing.assert_array_equal(own[1:-1], states[end - run.bins + 1 : end - 1])  # shares of the end bins apart
+
+
+def test_a_further_run_begins_where_the_last_ended_in_the_file_of_the_simulator_as_well(recordings: list[Recording]) -> None:
+    *earlier, last = recordings
+    data = data_of(earlier)
+    driver = Driver.of(data, "temperature_block_degC")
+    histories = one_after_the_other(driver, data.runs)
+    further = Run.of(last, Grid.of(recordings), lambda binned: np.zeros(len(binned)))
+    basis = Preisach(driver, 0.6, False, start="unknown", histories=histories)
+    expected = basis.columns(further)[:, 0]
+    up, down = dense(basis.levels)
+    weights, values = basis.densities()[:, 0], driver.values(further)
+    found = np.zeros(further.bins)
+    for start, rows in sides(up, down, basis.start, histories).items():
+        first = states_before(values[0], up[rows], down[rows], start)
+        found += (relay_states(values, up[rows], down[rows], first) - 0.5) @ weights[rows]
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.ptp(expected))
+    rested = Preisach(driver, 0.6, False).columns(further)[:, 0]
+    assert np.max(np.abs(rested - expected)) > 0.05 * np.ptp(expected)
+
+
+@pytest.mark.parametrize("spread", [True, False])
+def test_a_play_goes_on_from_the_run_before(recordings: list[Recording], spread: bool) -> None:
+    data = data_of(recordings)
+    driver = Driver.of(data, "temperature_block_degC")
+    histories = one_after_the_other(driver, data.runs)
+    alone, after = (Plays(driver, 0.4, spread, "rested", known) for known in ((), histories))
+    np.testing.assert_array_equal(alone.columns(data.runs[0]), after.columns(data.runs[0]))
+    (radius,) = alone.radii()[-1:]
+    values = np.concatenate([driver.values(run) for run in data.runs[:2]])
+    state, path = values[0], []
+    for value in values:
+        state = min(max(state, value - radius), value + radius)
+        path.append(state - value)
+    if not spread:
+        np.testing.assert_allclose(after.columns(data.runs[1])[:, 0], path[data.runs[0].bins :], atol=1e-2)
+    assert np.max(np.abs(alone.columns(data.runs[1]) - after.columns(data.runs[1]))) > 0.05
+
+
+def test_the_same_basis_with_another_history_is_computed_anew(recordings: list[Recording]) -> None:
+    data = data_of(recordings)
+    driver = Driver.of(data, "temperature_block_degC")
+    run, half = data.runs[2], 0.8
+    columns = [
+        Preisach(driver, 0.4, True, 0.6, start="unknown", histories=histories).columns(run)
+        for histories in ((), (("run2", (-half, half)),), (("run2", (half, -half)),))
+    ]
+    assert len({table.tobytes() for table in columns}) == 3
