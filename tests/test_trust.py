@@ -127,15 +127,27 @@ def test_names_do_not_steer_the_terminal(simulator: Path, tmp_path: Path) -> Non
     assert b"\x1b[2J" not in done.stdout + done.stderr
 
 
+_ON_A_FULL_DISK = """
+import resource, signal, sys
+from typer.testing import CliRunner
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+register_commands()
+for path in sys.argv[2:]:
+    done = CliRunner().invoke(app, ["simulate", sys.argv[1], "--profile", "short", "--step-s", "5", "--out", path])
+    print(path, done.exit_code, done.stderr.count("error:"), done.stderr.count("Traceback"))
+"""
+
+
 def test_a_full_disk_is_one_message(simulator: Path, tmp_path: Path) -> None:
-    for name in ("run.h5", "run.parquet", "run.csv", "run.mat"):
-        line = [*COMMAND, "simulate", str(simulator), "--profile", "short", "--step-s", "5", "--out", str(tmp_path / name)]
-        limited = 'trap "" XFSZ; ulimit -f 8; exec "$@"'
-        done = subprocess.run(["bash", "-c", limited, "-", *line], capture_output=True, text=True, check=False)
-        assert done.returncode == 2, done.stderr
-        assert done.stderr.count("error:") == 1
-        assert "Traceback" not in done.stderr
-        assert {path.name for path in tmp_path.iterdir()} == {"gyro.yaml"}
+    """No file may grow beyond 8 KiB."""
+    runs = [str(tmp_path / name) for name in ("run.h5", "run.parquet", "run.csv", "run.mat")]
+    done = subprocess.run([sys.executable, "-c", _ON_A_FULL_DISK, str(simulator), *runs], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [f"{run} 2 1 0" for run in runs], done.stderr
+    assert not done.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"gyro.yaml"}
 
 
 def test_the_threat_model_names_tests_that_exist() -> None:
