@@ -43,7 +43,7 @@ def made(*missing: str | dict[str, Any], seed: int = 3) -> list[Recording]:
 
 
 def asked(runs: Sequence[Recording]) -> Diagnosis:
-    return diagnose(Simulator.from_mapping(BASELINE), runs)
+    return diagnose(Simulator.from_mapping(BASELINE), runs, black_box=False)
 
 
 def mechanisms(diagnosis: Diagnosis) -> list[str]:
@@ -72,7 +72,7 @@ def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expect
 
 def test_mapping_has_the_keys_of_the_contract() -> None:
     runs = made({"supply_voltage": {"k_deg_h_V": 0.5}})
-    content = diagnose(Simulator.from_mapping(BASELINE), runs[:1], runs[1:]).to_mapping()
+    content = diagnose(Simulator.from_mapping(BASELINE), runs[:1], runs[1:], black_box=False).to_mapping()
     assert {"schema", "verdict", "mismatch", "findings", "alternatives", "unexplained", "fit", "next_experiment"} <= set(content)
     (finding,) = content["findings"]
     estimate = finding["parameters"]["k_deg_h_V"]

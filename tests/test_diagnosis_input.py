@@ -97,14 +97,14 @@ def test_a_mechanism_whose_column_is_not_recorded_is_passed_over(run: rlg.Record
     )
     catalogue = own_and_few(tmp_path / "own.py")
     require_computable(catalogue, [run])
-    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue)
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=catalogue, black_box=False)
     (told,) = [remark for remark in found.remarks if remark.code == "diagnosis.not_tried"]
     assert told.data == {"mechanisms": ["own"]}
 
 
 def test_a_mechanism_whose_place_the_simulator_takes_is_said_not_to_be_tried(run: rlg.Recording, tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(OWN.replace("BASIS", "np.ones((len(temperature), 1))"))
-    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=own_and_few(tmp_path / "own.py"))
+    found = rlg.diagnose(rlg.Simulator(), [run], mechanisms=own_and_few(tmp_path / "own.py"), black_box=False)
     (told,) = [remark for remark in found.remarks if remark.code == "diagnosis.absorbed"]
     assert told.data == {"mechanisms": ["own"]}
 
@@ -201,13 +201,13 @@ def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof
     few = {name: CATALOGUE[name] for name in ("magnetic_field", "supply_voltage", "thermal_lag")}
     train, (seen, blind) = [driven(1), driven(2)], [driven(3), driven(4)]
     blind = blind.replace(table=blind.table.drop(columns="magnetic_field_uT"))
-    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few)
+    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few, black_box=False)
     assert [cause.name for cause in found.causes] == ["magnetic_field"]
     (told,) = [one for one in found.remarks if one.code == "diagnosis.run_lacks_column"]
     assert told.data == {"run": "run4", "columns": ["magnetic_field_uT"]}
     assert found.test is not None
     assert [fit.run for fit in found.test.per_run] == ["run3"]
-    assert rlg.diagnose(simulator, train, [blind], mechanisms=few).test is None
+    assert rlg.diagnose(simulator, train, [blind], mechanisms={"magnetic_field": few["magnetic_field"]}).test is None
 
 
 def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None:

@@ -115,7 +115,7 @@ def test_the_file_predicts_as_the_augmented_simulator(found: Diagnosis, runs: li
 
 
 def test_the_augmented_simulator_lacks_nothing(found: Diagnosis, runs: list[Recording]) -> None:
-    again = diagnose(found.augmented, runs[1:], only=FEW)
+    again = diagnose(found.augmented, runs[1:], only=FEW, black_box=False)
     assert again.verdict == "none"
     assert again.p_value > 0.01
     assert again.where == ()
@@ -132,7 +132,7 @@ def test_the_page_holds_what_was_found(found: Diagnosis, tmp_path: Path) -> None
 
 
 def test_candidates_can_be_left_out(runs: list[Recording]) -> None:
-    found = diagnose(BASELINE, runs[:2], only=FEW, without=["supply_voltage"])
+    found = diagnose(BASELINE, runs[:2], only=FEW, without=["supply_voltage"], black_box=False)
     assert found.verdict == "unknown"
     assert found.decision.drivers == ("supply_voltage_V",)
     content = found.to_mapping()
@@ -167,7 +167,7 @@ def test_a_users_own_simulator_is_a_column(runs: list[Recording]) -> None:
     assert "diagnosis.beside_own_simulator" in {one.code for one in found.remarks}
     assert "thermal_polynomial" not in {mechanism.name for mechanism in found.augmented.mechanisms}
     predicted = [BASELINE.predict(run) for run in runs]
-    same = diagnose(None, runs[:1], runs[2:], simulated=[predicted[0], predicted[2]], only=FEW)
+    same = diagnose(None, runs[:1], runs[2:], simulated=[predicted[0], predicted[2]], only=FEW, black_box=False)
     assert [cause.name for cause in same.causes] == ["supply_voltage"]
 
 
@@ -177,7 +177,7 @@ def test_one_of_several_gyros(runs: list[Recording]) -> None:
         table = run.table.drop(columns="gyro_deg_h")
         table = table.assign(gyro_x_deg_s=run.column("gyro_deg_h") / 3600.0, gyro_y_deg_s=0.001 * np.arange(len(run)))
         two.append(run.replace(table=table, truth=None))
-    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_s", only=FEW)
+    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_s", only=FEW, black_box=False)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     assert found.to_mapping()["output"]["column"] == "gyro_x_deg_s"
 
@@ -202,7 +202,7 @@ def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path
 def test_a_set_that_leaves_more_of_the_training_runs_is_not_named(runs: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
     """Here every set counts as one that does."""
     monkeypatch.setattr("rlgcomp.diagnosis.diagnose.MORE_LEFT", 0.0)
-    found = diagnose(BASELINE, runs[:1], only=FEW)
+    found = diagnose(BASELINE, runs[:1], only=FEW, black_box=False)
     assert found.verdict == "none"
     assert found.messages[0].code == "diagnosis.nothing_named"
     (told,) = [one for one in found.remarks if one.code == "diagnosis.worse_in_training"]

@@ -170,7 +170,7 @@ def test_errors_of_a_driver_are_what_they_bring_into_the_output() -> None:
 
 
 def test_a_strong_monitor_with_noise_has_no_second_law() -> None:
-    content = diagnose(Simulator.from_mapping(STATIC), made(6, slope=12.0, read_noise=0.3)).to_mapping()
+    content = diagnose(Simulator.from_mapping(STATIC), made(6, slope=12.0, read_noise=0.3), black_box=False).to_mapping()
     assert [finding["mechanism"] for finding in content["findings"]] == ["light_intensity"]
     assert content["verdict"] == "explained"
 
@@ -185,7 +185,7 @@ def test_a_thermometer_that_rounds_is_no_physics(step_K: float) -> None:
         run.replace(table=run.table.assign(temperature_block_degC=other.column("temperature_block_degC")))
         for run, other in zip(runs, made(7, slope=0.0, read_noise=0.0, step_K=step_K), strict=True)
     ]
-    assert diagnose(Simulator.from_mapping(STATIC), rounded).verdict == "none"
+    assert diagnose(Simulator.from_mapping(STATIC), rounded, black_box=False).verdict == "none"
 
 
 def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
@@ -194,7 +194,7 @@ def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
     wild[1200:1215] += 60.0
     wild[2210:2222] -= 80.0
     runs[0] = runs[0].replace(table=runs[0].table.assign(gyro_deg_h=wild))
-    found = diagnose(Simulator.from_mapping(STATIC), runs)
+    found = diagnose(Simulator.from_mapping(STATIC), runs, black_box=False)
     assert found.verdict == "none"
     assert found.posterior.null > 0.9
 
@@ -255,7 +255,7 @@ def test_without_a_thermometer_nothing_is_thermal() -> None:
     noisy = [
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + rng.standard_normal(len(run)))) for run in runs
     ]
-    content = diagnose(lambda run: 0.5 * run.column("angle_rad"), noisy).to_mapping()
+    content = diagnose(lambda run: 0.5 * run.column("angle_rad"), noisy, black_box=False).to_mapping()
     assert content["findings"] == []
     assert content["verdict"] == "unknown"
     assert content["unexplained"]["drivers"] == ["angle_rad"]

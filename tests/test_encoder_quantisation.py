@@ -115,7 +115,7 @@ def test_round_rates_are_no_encoder_of_large_steps(rates: tuple[float, ...], sam
 def test_a_healthy_gyro_beside_a_rounded_encoder_is_acquitted(rates: tuple[float, ...], hold_s: int) -> None:
     programmes = [rates, rates[::-1], tuple(-rate for rate in rates)]
     runs = [turned(programme, hold_s, seed) for seed, programme in enumerate(programmes)]
-    found = diagnose(SIMULATOR, runs[:2], runs[2:])
+    found = diagnose(SIMULATOR, runs[:2], runs[2:], black_box=False)
     assert found.verdict == "none"
     assert found.p_value > 0.01
 

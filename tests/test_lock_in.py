@@ -161,7 +161,7 @@ def test_of_a_table_that_rests_and_turns_one_way_the_lock_in_rate_is_right(
         gyro_on(course(one, 300, smooth=smooth, begins_s=0.3), 0.05, 8.0 * (acts_on == "total"), seed)
         for seed, one in enumerate(programmes)
     ]
-    found = rlg.diagnose(simulator, runs)
+    found = rlg.diagnose(simulator, runs, black_box=False)
     (cause,) = found.causes
     assert (found.verdict, cause.name) == ("explained", "lock_in")
     estimate = cause.parameters["lock_in_deg_s"]
@@ -181,7 +181,7 @@ def test_passages_through_zero_separate_laws_that_two_rates_do_not(monkeypatch: 
     for seed, size in enumerate((10.0, 30.0)):
         whole = gyro_on(course([size, -size] * 3, 300, smooth=False, begins_s=0.0), 0.05, 0.0, seed)
         runs.append(whole.replace(table=whole.table[whole.table["time_s"] > 260.0].reset_index(drop=True)))
-    found = rlg.diagnose(simulator, runs)
+    found = rlg.diagnose(simulator, runs, black_box=False)
     assert [cause.name for cause in found.causes] == ["lock_in"]
     estimate = found.causes[0].parameters["lock_in_deg_s"]
     assert abs(estimate.value - 0.05) < 4.0 * estimate.sd

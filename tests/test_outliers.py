@@ -100,7 +100,7 @@ def test_outliers_change_no_diagnosis() -> None:
     gyro = rlg.simulated_unit(1)
     runs = [gyro.simulate("short", seed=seed, step_s=5.0) for seed in (1, 2)]
     simulator = gyro.without("readout_incoherence")
-    found = rlg.diagnose(simulator, train=[struck(runs[0], slice(700, 703), 50.0), runs[1]])
+    found = rlg.diagnose(simulator, train=[struck(runs[0], slice(700, 703), 50.0), runs[1]], black_box=False)
     assert [cause.name for cause in found.causes] == ["readout_incoherence"]
     assert without_gyro_outliers(struck(runs[0], slice(700, 703), 50.0), None)[1][0] in found.remarks
 
@@ -244,6 +244,6 @@ def test_a_count_error_makes_no_encoder_late() -> None:
     runs = [turning(seed=seed) for seed in (1, 2)]
     simulator = rlg.Simulator(kind="turntable").with_mechanism(rlg.CATALOGUE["scale_factor"]())
     row = begins(runs[0])[8] + 1
-    found = rlg.diagnose(simulator, train=[with_count_errors(runs[0], [row], 2.26), runs[1]])
+    found = rlg.diagnose(simulator, train=[with_count_errors(runs[0], [row], 2.26), runs[1]], black_box=False)
     assert (found.verdict, found.causes) == ("none", ())
     assert any("count_errors" in remark.code for remark in found.remarks)

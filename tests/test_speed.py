@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,14 @@ from experiments.speed.reading import recording_table
 from experiments.speed.selection import thermal_rows
 from rlgcomp.errors import InputError
 from rlgcomp.recording.formats import read
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _other_tests_are_no_garbage() -> Iterator[None]:
+    """A measurement collects garbage before each repeat, and would look at the modules of thousands of tests."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 def slow() -> float:

@@ -35,10 +35,10 @@ def walking() -> list[Recording]:
 
 
 def test_a_walk_is_noise_unless_a_calmer_gyro_is_stated(walking: list[Recording]) -> None:
-    assert diagnose(BASELINE, walking, only=FEW).verdict == "none"
-    assert diagnose(BASELINE, walking, only=FEW, noise=WALKING).verdict == "none"
-    assert diagnose(BASELINE, walking, only=FEW, noise=dataclasses.replace(CALM, white=False)).verdict == "none"
-    found = diagnose(BASELINE, walking, only=FEW, noise=CALM)
+    assert diagnose(BASELINE, walking, only=FEW, black_box=False).verdict == "none"
+    assert diagnose(BASELINE, walking, only=FEW, black_box=False, noise=WALKING).verdict == "none"
+    assert diagnose(BASELINE, walking, only=FEW, black_box=False, noise=dataclasses.replace(CALM, white=False)).verdict == "none"
+    found = diagnose(BASELINE, walking, only=FEW, black_box=False, noise=CALM)
     assert found.verdict == "unknown"
     assert found.messages[0].code == "diagnosis.wander"
     assert found.healthy < 1e-3
@@ -46,8 +46,8 @@ def test_a_walk_is_noise_unless_a_calmer_gyro_is_stated(walking: list[Recording]
 
 def test_louder_white_noise_than_stated_is_not_none() -> None:
     runs = recorded(CALM)
-    assert diagnose(BASELINE, runs, only=FEW, noise=CALM).verdict == "none"
-    found = diagnose(BASELINE, runs, only=FEW, noise=HALF)
+    assert diagnose(BASELINE, runs, only=FEW, black_box=False, noise=CALM).verdict == "none"
+    found = diagnose(BASELINE, runs, only=FEW, black_box=False, noise=HALF)
     assert found.verdict == "unknown"
     assert found.messages[0].code == "diagnosis.louder"
     assert found.messages[0].data["ratio"] == pytest.approx(2.0, rel=0.1)
@@ -57,7 +57,7 @@ def test_louder_white_noise_than_stated_is_not_none() -> None:
 def test_an_error_of_what_is_stated_lets_it_be_wrong() -> None:
     runs = recorded(CALM)
     unsure = dataclasses.replace(HALF, sds=(0.0002, 0.0, 0.0))
-    found = diagnose(BASELINE, runs, only=FEW, noise=unsure)
+    found = diagnose(BASELINE, runs, only=FEW, black_box=False, noise=unsure)
     assert found.verdict == "none"
     assert found.noise.angle_random_walk_deg_sqrt_h == pytest.approx(0.0005, rel=0.15)
 

@@ -108,7 +108,7 @@ def test_a_healthy_gyro_beside_a_slow_logger_lacks_nothing() -> None:
             "mechanisms": [{"thermal_polynomial": {"c1_deg_h_K": 0.0004}}],
         }
     )
-    found = diagnose(simulator, runs[:2], runs[2:])
+    found = diagnose(simulator, runs[:2], runs[2:], black_box=False)
     assert found.verdict == "none"
     assert "recording.sample_and_hold" in {remark.code for remark in found.remarks}
 
@@ -150,7 +150,7 @@ def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
     base = rlg.Simulator(noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
     runs = [base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0) for seed in (1, 2)]
     stuck = [frozen(one, "supply_voltage_V", slice(2500, None)) for one in runs]
-    found = rlg.diagnose(base, train=stuck)
+    found = rlg.diagnose(base, train=stuck, black_box=False)
     (cause,) = found.causes
     (estimate,) = cause.parameters.values()
     assert estimate.value == pytest.approx(0.4, abs=3.0 * estimate.sd)

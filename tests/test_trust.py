@@ -144,7 +144,8 @@ for path in sys.argv[2:]:
 def test_a_full_disk_is_one_message(simulator: Path, tmp_path: Path) -> None:
     """No file may grow beyond 8 KiB."""
     runs = [str(tmp_path / name) for name in ("run.h5", "run.parquet", "run.csv", "run.mat")]
-    done = subprocess.run([sys.executable, "-c", _ON_A_FULL_DISK, str(simulator), *runs], capture_output=True, text=True, check=True)
+    command = [sys.executable, "-c", _ON_A_FULL_DISK, str(simulator), *runs]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [f"{run} 2 1 0" for run in runs], done.stderr
     assert not done.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"gyro.yaml"}

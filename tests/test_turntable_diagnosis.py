@@ -43,7 +43,7 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
 
 @pytest.mark.parametrize(("missing", "expected"), CASES, ids=lambda value: "+".join(map(str, value))[:40] or "none")
 def test_names_what_is_missing_of_a_table(missing: tuple[str | dict[str, Any], ...], expected: list[str]) -> None:
-    found = diagnose(BASE, made(*missing)).to_mapping()
+    found = diagnose(BASE, made(*missing), black_box=False).to_mapping()
     assert sorted(finding["mechanism"] for finding in found["findings"]) == expected
     assert found["verdict"] in (("explained", "ambiguous") if expected else ("none",))
 
@@ -59,7 +59,7 @@ def test_names_what_is_missing_of_a_table(missing: tuple[str | dict[str, Any], .
 )
 def test_augmented_file_holds_what_is_named_of_a_table(missing: dict[str, Any]) -> None:
     *train, test = made(missing, runs=3)
-    found = diagnose(BASE, train, [test])
+    found = diagnose(BASE, train, [test], black_box=False)
     assert [finding["mechanism"] for finding in found.to_mapping()["findings"]] == list(missing)
     assert test.truth is not None
     without_noise = test.truth[["scale_factor", *missing]].sum(axis=1) + BASE.nominal_deg_h(test)

@@ -177,7 +177,7 @@ def test_a_strong_missing_effect_is_no_wrong_unit() -> None:
 def test_a_wrong_sign_comes_first_among_the_remarks() -> None:
     runs = [STRONG.simulate("short", seed=k, step_s=10.0, name=f"run{k}") for k in range(2)]
     turned = PythonSimulator(lambda run: -STRONG.predict(run).rate_deg_h(), "my_sim.py:gyro")
-    found = rlg.diagnose(turned, runs[:1], runs[1:], only=["supply_voltage"])
+    found = rlg.diagnose(turned, runs[:1], runs[1:], only=["supply_voltage"], black_box=False)
     assert found.remarks[0].code == "diagnosis.simulation_scaled"
     assert found.remarks[0].data["wrong_sign"]
 
@@ -403,7 +403,7 @@ def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_
     theirs = [
         run.replace(table=moved(run, offset_s, 20.0).table[["time_s", "gyro_deg_s"]], truth=None, name=run.name) for run in finer
     ]
-    found = rlg.diagnose(None, runs, simulated=theirs)
+    found = rlg.diagnose(None, runs, simulated=theirs, black_box=False)
     assert [cause.name for cause in found.causes] == ["lock_in"] * bool(lock_in_deg_s)
     assert found.verdict == ("explained" if lock_in_deg_s else "none")
     for clock in found.alignment:
@@ -464,7 +464,7 @@ def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> No
     assert "temperature_shell_degC" in runs[2]
     runs[2] = runs[2].replace(table=runs[2].table.drop(columns="temperature_block_degC"))
     few = {name: CATALOGUE[name] for name in ("thermal_lag", "thermal_hysteresis", "supply_voltage")}
-    diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, mechanisms=few)
+    diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, mechanisms=few, black_box=False)
     assert diagnosis.test is None
     (told,) = [one for one in diagnosis.remarks if one.code == "diagnosis.run_lacks_column"]
     assert told.data == {"run": "run3", "columns": ["temperature_block_degC"]}

@@ -233,7 +233,9 @@ class _Grid:
         return dataclasses.replace(self, edges_s=self.edges_s[kept], recorded=recorded)
 
     def _misfit(self, target: Array, fixed: Array, simulated: Array, offset_s: float) -> float:
-        shown, _, inside = self._shifted(simulated, offset_s, 0.0)
+        edges_s = self._moved(offset_s, 0.0)
+        inside = self._inside(edges_s)
+        shown, _ = means_in(self.simulated_s, simulated, edges_s)
         design = np.column_stack([fixed, shown])[inside]
         if len(design) <= design.shape[1]:
             return math.inf
@@ -294,11 +296,14 @@ class _Grid:
 
     def _shifted(self, simulated: Array, offset_s: float, drift: float) -> tuple[Array, Array, Flags]:
         """Window means of the simulation at shifted times, their derivative, and which windows both files cover."""
-        edges = self._moved(offset_s, drift)
-        inside = (edges[:-1] >= self.simulated_s[0]) & (edges[1:] <= self.simulated_s[-1])
-        inside &= self.recorded & clear(edges[:-1], edges[1:], self.gaps_s)
-        slope = np.diff(values_at(self.simulated_s, simulated, edges)[0]) / np.diff(edges)
-        return means_in(self.simulated_s, simulated, edges)[0], slope, inside
+        edges_s = self._moved(offset_s, drift)
+        slope = np.diff(values_at(self.simulated_s, simulated, edges_s)[0]) / np.diff(edges_s)
+        return means_in(self.simulated_s, simulated, edges_s)[0], slope, self._inside(edges_s)
+
+    def _inside(self, edges_s: Array) -> Flags:
+        """Windows that both files cover, of edges by the simulation's clock."""
+        covered = (edges_s[:-1] >= self.simulated_s[0]) & (edges_s[1:] <= self.simulated_s[-1])
+        return np.asarray(covered & self.recorded & clear(edges_s[:-1], edges_s[1:], self.gaps_s))
 
 
 def _clearly_better(there: _Settled, here: _Settled) -> bool:
