@@ -17,6 +17,7 @@ C. A. Greenhall and W. J. Riley, 35th PTTI, 267 (2003) (generalised covariance).
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, Final
 
@@ -55,11 +56,17 @@ def covariance_products(m: Whole, parts: Whole, order: int) -> Array:
         2 for Allan, 3 for Hadamard.
     """
     lengths, copies = np.unique(parts, return_counts=True)
+    return _products(tuple(m.tolist()), tuple(lengths.tolist()), tuple(copies.tolist()), order)
+
+
+@functools.lru_cache(maxsize=16)  # gyros of one recording share them, and recordings of one length
+def _products(m: tuple[int, ...], lengths: tuple[int, ...], copies: tuple[int, ...], order: int) -> Array:
     products = np.zeros((len(m), len(m), len(POWERS), len(POWERS)))
-    for i, m1 in enumerate(m.tolist()):
-        for k, m2 in enumerate(m.tolist()):
+    for i, m1 in enumerate(m):
+        for k, m2 in enumerate(m):
             if m1 <= m2 <= _FARTHEST * m1:
-                products[i, k] = products[k, i] = _pair(m1, m2, lengths, copies, order)
+                products[i, k] = products[k, i] = _pair(m1, m2, np.array(lengths), np.array(copies), order)
+    products.setflags(write=False)
     return products
 
 
@@ -120,7 +127,9 @@ def _generalised(t: Array) -> Array:
     """Generalised covariance of the angle for white, flicker and random-walk noise of the rate with A_j = 1."""
     t = np.abs(t)
     square = t * t
-    return np.stack([-0.5 * t, special.xlogy(square, t) / (4.0 * math.log(2.0)), 0.25 * square * t])
+    found = np.empty((3, len(t)))
+    found[0], found[1], found[2] = -0.5 * t, special.xlogy(square, t) / (4.0 * math.log(2.0)), 0.25 * square * t
+    return found
 
 
 def _difference(order: int) -> Array:
