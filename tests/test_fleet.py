@@ -247,7 +247,7 @@ def test_the_command_reports_each_unit_and_ends_with_two_where_one_failed(units:
 
 
 @pytest.mark.parametrize(
-    ("number", "size", "pay"), [(1, 10, False), (7, 250_000, False), (8, 250_000, True), (2, 8_000_000, True), (0, 10, False)]
+    ("number", "size", "pay"), [(1, 10, False), (10, 250_000, False), (11, 250_000, True), (2, 10_000_000, True), (0, 10, False)]
 )
 def test_several_workers_pay_from_some_work_on(tmp_path: Path, number: int, size: int, pay: bool) -> None:
     with (tmp_path / "run.csv").open("wb") as stream:

@@ -11,7 +11,7 @@ import typer
 from experiments.speed import chosen, growth, measure
 from experiments.speed.against import compare
 from experiments.speed.machine import machine
-from experiments.speed.measure import Measured, Row, failed
+from experiments.speed.measure import PATIENCE_S, Measured, Row, failed
 from experiments.speed.page import markdown, require_page, row_of, shortfalls, write_page
 from rlgcomp.cli.base import AsJson, progress
 from rlgcomp.cli.ending import BAD_INPUT, notify
@@ -34,7 +34,10 @@ def speed(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small data: checks agreement; goals are not judged.")] = False,
-    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats a peer, fewer where they would take more than 10 s.")] = 5,
+    repeats: Annotated[int, typer.Option(min=1, help="Paired repeats a peer, fewer where they would take too long.")] = 5,
+    patience_s: Annotated[
+        float, typer.Option("--patience", min=0.0, metavar="S", help="Time in s for all repeats of one side.")
+    ] = PATIENCE_S,
     grows: Annotated[
         bool, typer.Option("--growth", help="Exponent of our processor time between small and full data, instead of peers.")
     ] = False,
@@ -84,7 +87,7 @@ def speed(
     on, measured = machine(), list[Measured]()
     with progress("measuring", len(rows)) as advance:
         for done, row in enumerate(rows, start=1):
-            measured += _measured(row, quick, repeats)
+            measured += _measured(row, quick, repeats, patience_s)
             result = {"machine": on | {"load at the end": machine()["load"]}, "quick": quick}
             result["rows"] = [one.to_mapping() for one in measured]
             if out is not None:
@@ -104,10 +107,10 @@ def speed(
         raise InputError("rows failed: " + ", ".join(one.row for one in measured if one.failed))
 
 
-def _measured(row: Row, quick: bool, repeats: int) -> list[Measured]:
+def _measured(row: Row, quick: bool, repeats: int, patience_s: float) -> list[Measured]:
     """A row against its peers; an error is its result, so that a page of an hour is not lost by one row."""
     try:
-        return measure(row, quick=quick, repeats=repeats)
+        return measure(row, quick=quick, repeats=repeats, patience_s=patience_s)
     except Exception as error:  # noqa: BLE001
         return [failed(row, error)]
 

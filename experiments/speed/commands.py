@@ -96,12 +96,12 @@ def _digest(out: Path) -> str:
     return digest.hexdigest()
 
 
-def _fleet(units: int) -> Callable[[bool], Case]:
+def _fleet(units: int, goal: float) -> Callable[[bool], Case]:
     def prepare(quick: bool) -> Case:
         number = min(units, GYROS // 2) if quick else units
         table, folder = fleet_table(number), folder_of_data()
         places = (folder / f"out-{k}" for k in itertools.count())
-        one = Peer("one worker", lambda: fleet_command(table, next(places)), different, 0.0)
+        one = Peer("one worker", lambda: fleet_command(table, next(places)), different, 0.0, goal)
         return Case(lambda: fleet_command(table, next(places), "--jobs", 2), [one], size=f"{number} units", n=number)
 
     return prepare
@@ -162,9 +162,9 @@ def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
 
 
 ROWS: Final = (
-    Row("fleet-10", "rlgcomp fleet train by two workers", _fleet(10), threads=2),
-    Row("fleet-100", "rlgcomp fleet train by two workers", _fleet(100), threads=2),
-    Row("fleet-1000", "rlgcomp fleet train by two workers", _fleet(1000), threads=2),
+    Row("fleet-10", "rlgcomp fleet train by two workers", _fleet(10, 1.0), threads=2),
+    Row("fleet-100", "rlgcomp fleet train by two workers", _fleet(100, 1.7), threads=2),
+    Row("fleet-1000", "rlgcomp fleet train by two workers", _fleet(1000, 1.85), threads=2),
     Row("demo", "rlgcomp demo", _demo),
     Row("calibrate", "rlgcomp calibrate, report included", _calibration),
     Row("arw", "rlgcomp arw, pictures included", _turning),

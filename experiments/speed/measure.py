@@ -18,7 +18,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 REPEATS: Final = 5
-PATIENCE_S: Final = 10.0  # for all repeats of one side; what takes longer is run once
+PATIENCE_S: Final = 10.0  # by default, for all repeats of one side; what takes longer is run once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,8 +161,19 @@ class Measured:
         return dataclasses.asdict(self)
 
 
-def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Measured]:
-    """Measure a row against each of its peers."""
+def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS, patience_s: float = PATIENCE_S) -> list[Measured]:
+    """Measure a row against each of its peers.
+
+    Parameters
+    ----------
+    row : Row
+    quick : bool
+        Small data, whose goals are not judged.
+    repeats : int
+        Of ours and of each peer.
+    patience_s : float
+        For all repeats of one side: there are fewer where these would take longer.
+    """
     try:
         case = row.prepare(quick)
     except ImportError as error:
@@ -171,9 +182,9 @@ def measure(row: Row, *, quick: bool = False, repeats: int = REPEATS) -> list[Me
     with threadpool_limits(1, user_api="blas"):
         result, first = once(case.ours)  # compiles and warms what is compiled and warmed once
         if not case.peers:
-            ours = np.array([first]) if row.long else _times(case.ours, repeats)
+            ours = np.array([first]) if row.long else _times(case.ours, repeats, patience_s)
             return [_judged(row, _alone(row, case, ours), quick, None)]
-        return [_against(row, case, peer, result, quick, repeats) for peer in case.peers]
+        return [_against(row, case, peer, result, quick, repeats, patience_s) for peer in case.peers]
 
 
 def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
@@ -201,22 +212,22 @@ def growth(row: Row, repeats: int = REPEATS) -> dict[str, Any] | None:
     return {"row": row.name, "n": numbers, "cpu_s": seconds, "exponent": exponent(0), "last_exponent": exponent(-2), "MiB": peaks}
 
 
-def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats: int) -> Measured:
+def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats: int, patience_s: float) -> Measured:
     try:
         theirs, lasted = once(peer.run)
     except ImportError as error:
-        return dataclasses.replace(
-            _alone(row, case, _times(case.ours, repeats)), peer=peer.name, note=f"peer not installed: {error.name or error}"
-        )
+        alone = _alone(row, case, _times(case.ours, repeats, patience_s))
+        return dataclasses.replace(alone, peer=peer.name, note=f"peer not installed: {error.name or error}")
     disagreement = float(peer.disagreement(result, theirs))
     del theirs
-    if 2.0 * min(lasted) > PATIENCE_S:
+    if 2.0 * min(lasted) > patience_s:
         pairs = [(once(case.ours)[1], lasted)]
     else:
-        pairs = [(once(case.ours)[1], once(peer.run)[1]) for _ in range(_fitting(lasted, repeats))]
+        pairs = [(once(case.ours)[1], once(peer.run)[1]) for _ in range(_fitting(lasted, repeats, patience_s))]
     ours = np.array([one for one, _ in pairs])
     other = np.array([two for _, two in pairs]) / peer.scale
-    ratio, ratio_cpu = np.median(other / np.maximum(ours, 1e-9), axis=0)
+    ratios = other / np.maximum(ours, 1e-9)
+    ratio, ratio_cpu = np.median(ratios, axis=0)
     measured = dataclasses.replace(
         _alone(row, case, ours),
         peer=peer.name,
@@ -229,6 +240,7 @@ def _against(row: Row, case: Case, peer: Peer, result: Any, quick: bool, repeats
         peer_MiB=_peak(peer.run) if case.memory else None,
         note="; ".join(
             [f"{len(pairs)} of {repeats} repeats"] * (len(pairs) < repeats)
+            + [f"ratios {ratios[:, 0].min():.3g} to {ratios[:, 0].max():.3g}"] * (len(pairs) > 1)
             + [f"peer extrapolated from {peer.scale:.2g} of the work"] * (peer.scale != 1.0)
         ),
     )
@@ -282,14 +294,14 @@ def once(work: Callable[[], Any]) -> tuple[Any, tuple[float, float]]:
     return found, (time.perf_counter() - wall, time.process_time() - cpu)
 
 
-def _fitting(lasted: tuple[float, float], repeats: int) -> int:
+def _fitting(lasted: tuple[float, float], repeats: int, patience_s: float) -> int:
     """How often work is repeated; that other processes are in its way makes it no longer."""
-    return max(1, min(repeats, int(PATIENCE_S / max(min(lasted), 1e-9))))
+    return max(1, min(repeats, int(patience_s / max(min(lasted), 1e-9))))
 
 
-def _times(work: Callable[[], Any], repeats: int) -> Any:
+def _times(work: Callable[[], Any], repeats: int, patience_s: float = PATIENCE_S) -> Any:
     first = once(work)[1]
-    return np.array([first, *(once(work)[1] for _ in range(_fitting(first, repeats) - 1))])
+    return np.array([first, *(once(work)[1] for _ in range(_fitting(first, repeats, patience_s) - 1))])
 
 
 def _peak(work: Callable[[], Any]) -> float:

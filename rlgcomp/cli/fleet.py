@@ -16,7 +16,7 @@ from rlgcomp.cli.show import show_json, show_table
 USUAL: Final = ("lssvm-dynamic", "lssvm", "cubic", "dynamic")  # whose names are known before scikit-learn is imported for all
 _AVERAGING_S: Final = 100.0
 _UNIT_S, _BYTES_PER_S = 0.05, 75e6  # least time of a training by a usual model, and the recordings that it reads in more time
-_PAYS_S: Final = 0.4  # of work, from which several workers end sooner than one: docs/performance.md, Fleets
+_PAYS_S: Final = 0.6  # of work, from which several workers end sooner than one: docs/performance.md, Fleets
 
 
 @command("fleet")
