@@ -139,13 +139,15 @@ def test_either_side_may_measure_itself() -> None:
     peer = Peer("elsewhere", lambda: Timed(1.0, 3.0, 2.0), apart, 0.0)
     elsewhere = Row("toy", "a toy", lambda quick: Case(lambda: Timed(1.0, 0.5, 0.5), [peer]))
     (found,) = measure(elsewhere, repeats=2)
-    assert (found.peer_s, found.agrees, found.note) == (3.0, True, "")
+    assert (found.peer_s, found.agrees, found.note) == (3.0, True, "ratios 6 to 6")
     assert (found.ratio, found.ratio_cpu) == (6.0, 4.0)
 
 
 def test_what_takes_long_is_repeated_less_and_says_so() -> None:
     (found,) = measure(row(Peer("long", lambda: Timed(1.0, 4.0, 4.0), apart, 0.0)), repeats=5)
-    assert found.note == "2 of 5 repeats"
+    assert found.note.startswith("2 of 5 repeats; ratios ")
+    (found,) = measure(row(Peer("long", lambda: Timed(1.0, 4.0, 4.0), apart, 0.0)), repeats=5, patience_s=20.0)
+    assert found.note.startswith("ratios ")
     (found,) = measure(row(Peer("longer", lambda: Timed(1.0, 40.0, 40.0), apart, 0.0, scale=0.5)), repeats=5)
     assert found.note == "1 of 5 repeats; peer extrapolated from 0.5 of the work"
 
