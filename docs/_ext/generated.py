@@ -7,7 +7,9 @@ import inspect
 import pkgutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+_INHERITED: Final = "   :inherited-members: BaseEstimator, RegressorMixin, BaseException, object, tuple, dict"
 
 FOLDER = "reference"
 METADATA = {
@@ -130,8 +132,8 @@ def api() -> Iterator[str]:
                 yield f"```text\nrlgcomp.{name}{inspect.signature(getattr(rlgcomp, name))}\n\n{about}\n```\n"
                 continue
             kind = "class" if inspect.isclass(getattr(rlgcomp, name)) else "function"
-            members = "\n:members:" if kind == "class" else ""
-            yield f"```{{eval-rst}}\n.. auto{kind}:: {module}.{name}{members and chr(10) + '   :members:'}\n```\n"
+            members = f"\n   :members:\n{_INHERITED}" if kind == "class" else ""
+            yield f"```{{eval-rst}}\n.. auto{kind}:: {module}.{name}{members}\n```\n"
     yield "## All modules\n\n| module | content |\n|---|---|"
     for info in pkgutil.walk_packages(rlgcomp.__path__, "rlgcomp."):
         if info.name != "rlgcomp.__main__":

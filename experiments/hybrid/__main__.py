@@ -13,125 +13,64 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import rlgcomp as rlg
 from experiments.concealed.bench import Bench, chamber_case
 from experiments.concealed.logger import Scale
-from experiments.concealed.plan import Plan, plan
+from experiments.hybrid import observers, units
+from experiments.tables import show_table
 from experiments.work import Work
-from rlgcomp.noise.processes import NOISES
 
-Array = npt.NDArray[np.float64]
 FIRST_SEED = 700
-OTHER = ("paper", "minor-loops"), "reversed"
-NARROW = (
-    (
-        "start 20, hold 60, ramp -5 1, hold 90, ramp 45 1, hold 90, ramp 20 1, hold 60",
-        "start 20, hold 60, ramp 40 1, hold 45, ramp 15 1, hold 45, ramp 30 1, hold 45, ramp -5 1, hold 60, ramp 45 0.7, hold 60, "
-        "ramp 10 1, hold 45",
-    ),
-    "start 20, hold 60, ramp -30 1, hold 120, ramp 70 1, hold 120, ramp 20 1, hold 60",
-)
-PROGRAMMES = {"other programme": OTHER, "twice the range": NARROW}
 LAWS = ("play", "preisach", "bouc_wen")
-FORMS = {
-    "Preisach": ("thermal_hysteresis", "smooth density"),
-    "ladder": ("thermal_lag", "2 to 6 time constants"),
-    "diffusive": ("thermal_lag", "slab"),
-}
-SIZE_DEG_H = 0.01
 PARTS = ("hybrid", "alone", "simulator")
-GOALS = {"other programme": 1.02, "twice the range": 1.3, **dict.fromkeys(FORMS, 1.1)}
+GOALS = {"other programme": 1.02, "twice the range": 1.3, **dict.fromkeys(units.FORMS, 1.1)}
 
 
 def of_unit(seed: int, law: str, programme: str) -> dict[str, Any]:
     """Ratios of one simulated unit, whose simulator lacks its hysteresis."""
-    gyro = rlg.simulated_unit(seed, hysteresis=law)
-    training, held_out = PROGRAMMES[programme]
-    runs = [gyro.simulate(text, seed=10 * seed + k, name=f"run{k}") for k, text in enumerate(training)]
-    test = gyro.simulate(held_out, seed=10 * seed + 9, name="test")
+    gyro, runs, test, floor = units.simulated(seed, law, programme)
     known = gyro.without("thermal_hysteresis")
     known = known.freed([mechanism.name for mechanism in known.mechanisms])
-    return _ratios(known, runs, [test], 100.0, [_noise(test)])
-
-
-def _noise(run: rlg.Recording) -> Array:
-    """Noise of a simulated run."""
-    truth = run.truth
-    assert truth is not None  # noqa: S101
-    return np.asarray(truth[[name for name in NOISES if name in truth]].to_numpy().sum(axis=1))
+    return _ratios(known, runs, [test], units.AVERAGING_S, floor)
 
 
 def of_case(form: str, number: int) -> dict[str, Any]:
     """Ratios of one unit of the benchmark of concealed causes."""
-    one = cases(form, number + 1)[number]
+    one = units.cases(form, number + 1)[number]
     step_s = Bench.of(one, None).chambers[0].step_s
-    case = chamber_case(one, scale=Scale(step_s, SIZE_DEG_H))
-    simulator = rlg.Simulator.from_mapping(case.simulator_mapping)
-    noise = [run.rate_deg_h() - signal for run, signal in zip(case.test, case.signal_held_out, strict=True)]
-    return _ratios(simulator, list(case.train), list(case.test), case.samples * step_s, noise)
-
-
-def cases(form: str, count: int) -> list[Plan]:
-    """So many cases of a form, of the benchmark's seeds for tuning."""
-    name, wanted = FORMS[form]
-    found: list[Plan] = []
-    for one in plan("single", 2000, tuning=True):
-        if one.hidden == (name,):
-            bench = Bench.of(one, None)
-            try:
-                effect = bench.acting(name, 0, plain=True)
-            except ValueError:
-                continue
-            if effect.form.startswith(wanted):
-                found.append(one)
-        if len(found) == count:
-            break
-    return found
+    case = chamber_case(one, scale=Scale(step_s, units.SIZE_DEG_H))
+    averaging_s = case.samples * step_s
+    floor = units.floor_of(case.test, case.signal_held_out, averaging_s)
+    return _ratios(rlg.Simulator.from_mapping(case.simulator_mapping), list(case.train), list(case.test), averaging_s, floor)
 
 
 def _ratios(
-    simulator: rlg.Simulator, runs: list[rlg.Recording], tests: list[rlg.Recording], averaging_s: float, noise: list[Array]
+    simulator: rlg.Simulator, runs: list[rlg.Recording], tests: list[rlg.Recording], averaging_s: float, floor: float
 ) -> dict[str, Any]:
     """Residual over floor of the LS-SVM alone, of the hybrid, and of the augmented simulator alone."""
     diagnosis = rlg.diagnose(simulator, train=runs, black_box=False)
     alone = rlg.Compensator(averaging_s=averaging_s).fit(runs)
     hybrid = rlg.Compensator(averaging_s=averaging_s, physics=diagnosis.augmented).fit(runs)
-    floor = _pooled([_means(run, values, averaging_s) for run, values in zip(tests, noise, strict=True)])
     parts = hybrid.parts()
+    predicted = [units.means(run, run.rate_deg_h() - diagnosis.augmented.predict(run).rate_deg_h(), averaging_s) for run in tests]
     return {
         "found": ", ".join(sorted({one["mechanism"] for one in diagnosis.findings})) or diagnosis.verdict,
-        "alone": _left(alone, tests, averaging_s) / floor,
-        "hybrid": _left(hybrid, tests, averaging_s) / floor,
-        "simulator": _pooled(
-            [_means(run, run.rate_deg_h() - diagnosis.augmented.predict(run).rate_deg_h(), averaging_s) for run in tests]
-        )
-        / floor,
+        "alone": units.residual(alone, tests, averaging_s) / floor,
+        "hybrid": units.residual(hybrid, tests, averaging_s) / floor,
+        "simulator": units.pooled(predicted) / floor,
         "learnt": float(parts["rms_deg_h"].iloc[-1]) / hybrid.scaling_.y_scale_deg_h,
         "without_form": [one.data["mechanism"] for one in hybrid.remarks_ if one.code == "compensation.physics_left_out"],
     }
 
 
-def _left(model: rlg.Compensator, tests: list[rlg.Recording], averaging_s: float) -> float:
-    residuals = [run.rate_deg_h() - model.predict(run)["bias_deg_h"].to_numpy() for run in tests]
-    return _pooled([_means(run, values, averaging_s) for run, values in zip(tests, residuals, strict=True)])
-
-
-def _means(run: rlg.Recording, values: Array, averaging_s: float) -> Array:
-    """Means over windows of the scored part of a run."""
-    values = values[run.scored]
-    rows = max(1, round(averaging_s / run.period_s))
-    count = len(values) // rows
-    return np.asarray(values[: count * rows].reshape(count, rows).mean(axis=1))
-
-
-def _pooled(parts: list[Array]) -> float:
-    return float(np.sqrt(np.mean([np.var(part, ddof=1) for part in parts])))
-
-
 def _piece(kind: str, number: int, law: str) -> dict[str, Any]:
-    return of_case(kind, number) if kind in FORMS else of_unit(FIRST_SEED + number, law, kind)
+    return of_case(kind, number) if kind in units.FORMS else of_unit(FIRST_SEED + number, law, kind)
+
+
+def _observed(kind: str, number: int, law: str) -> dict[str, Any]:
+    of = observers.of_case(kind, number) if kind in units.FORMS else observers.of_unit(FIRST_SEED + number, law, kind)
+    return {"unit": f"{kind} {number}", **of}
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -141,11 +80,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--wide", type=int, default=10, help="simulated units at twice the range (default 10)")
     parser.add_argument("--cases", type=int, default=6, help="units of each form of the benchmark (default 6)")
     parser.add_argument("--law", choices=LAWS, default="preisach", help="hysteresis of the simulated units (default preisach)")
+    parser.add_argument("--observers", action="store_true", help="what observers leave who know more than the hybrid")
     Work.add_options(parser, "hybrid")
     options = parser.parse_args(argv)
-    counts = dict(zip(PROGRAMMES, (options.units, options.wide), strict=True))
+    counts = dict(zip(units.PROGRAMMES, (options.units, options.wide), strict=True))
     pieces = [(kind, number, options.law) for kind, count in counts.items() for number in range(count)]
-    pieces += [(form, number, "") for form in FORMS for number in range(options.cases)]
+    pieces += [(form, number, "") for form in units.FORMS for number in range(options.cases)]
+    if options.observers:
+        rows = Work.of(options).results("observers", _observed, pieces)
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        show_table(
+            "Residual over the noise floor of observers who know more",
+            [{name: row[name] if name == "unit" else f"{row[name]:.3f}" if name in row else "" for name in names} for row in rows],
+        )
+        return
     made = Work.of(options).results("hybrid", _piece, pieces)
     own = Work.without_options(sys.argv[1:] if argv is None else argv)
     show(pieces, made, own)

@@ -214,10 +214,6 @@ def train(
         show_json(summary)
     else:
         known = compensator.interval_.basis != "unknown"
-        selected = ", ".join(
-            f"{key} = {value:.4g}" if isinstance(value, float) else f"{key} = {value}"
-            for key, value in compensator.selection_.best.items()
-        )
         show_table(
             f"{model} on {len(compensator.pipeline_.names)} inputs",
             [
@@ -228,7 +224,7 @@ def train(
                 },
                 {"": "90 % interval, ± deg/h", " ": f"{summary['half_width_deg_h']:.3g}" if known else "not known from these runs"},
                 *([{"": "not used, without gain", " ": ", ".join(compensator.unused_)}] if compensator.unused_ else []),
-                {"": "selected", " ": selected or "no parameter: one candidate"},
+                {"": "selected", " ": compensator.selection_.text},
             ],
         )
         if physics is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,8 +14,7 @@ from sklearn.base import BaseEstimator, clone
 
 from rlgcomp.compensation import serialisation
 from rlgcomp.compensation.artefact import SCHEMA
-from rlgcomp.compensation.correction import Correction, corrected_table, require_distinct, require_raw
-from rlgcomp.compensation.estimate import Estimate
+from rlgcomp.compensation.correction import require_distinct, require_raw
 from rlgcomp.compensation.feature_pipeline import (
     FeatureRecipe,
     feature_names,
@@ -32,14 +31,14 @@ from rlgcomp.compensation.known_physics import HybridInputs, amplitudes_of, part
 from rlgcomp.compensation.models import DEFAULT, MODELS, specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
-from rlgcomp.compensation.models.specification import grouping, require_regressor, sequential
+from rlgcomp.compensation.models.specification import grouping, require_regressor
+from rlgcomp.compensation.prediction import Prediction
 from rlgcomp.compensation.selection import Progress, Selection, select
-from rlgcomp.compensation.start_offset import StartOffset
 from rlgcomp.compensation.training_remarks import on_errors_below_noise, on_interval, on_turning, warn_of_earth_rate
 from rlgcomp.compensation.window_means import BLOCKS_OF_ONE_RUN, Scaling, run_labels, scaled_rows, window_means
 from rlgcomp.errors import InputError
-from rlgcomp.recording import DEFAULT_AVERAGING_S, TIME, Recording
-from rlgcomp.recording.argument_checks import require_recording, require_recordings, require_workers
+from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
+from rlgcomp.recording.argument_checks import require_recordings, require_workers
 from rlgcomp.recording.outliers import without_outliers
 from rlgcomp.report.messages import Message
 from rlgcomp.report.notebook import table_html
@@ -49,7 +48,7 @@ Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
 
 
-class Compensator(BaseEstimator):  # type: ignore[misc]
+class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
     """Bias compensation of one gyro.
 
     Parameters
@@ -106,9 +105,6 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
     >>> model.correct(runs[0]).columns[:4]
     ('time_s', 'gyro_deg_h', 'compensation_deg_h', 'compensation_out_of_range')
     """
-
-    _state: Any = None  # of the features, between calls of `step`
-    _offset_interval: tuple[float, Interval] | None = None  # the last that was calibrated
 
     def __init__(
         self,
@@ -238,7 +234,6 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         for remark in self.remarks_:
             logger.warning("%s", remark)
         self.schema_ = SCHEMA
-        self._offset_interval = None
         self.restart()
         return self
 
@@ -254,141 +249,7 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """From the errors of the selected model on runs left out."""
         return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval(self.turn_on_deg_h)
 
-    def offset_interval(self, offset_s: float) -> Interval:
-        """The interval of a run whose offset is zeroed over so many seconds at its start, from runs left out and zeroed alike."""
-        if self._offset_interval is None or self._offset_interval[0] != offset_s:
-            errors = HeldOutErrors.of(self.model_, self.training_, self.scaling_).zeroed_at_start(offset_s, self.averaging_s)
-            self._offset_interval = offset_s, errors.interval(0.0)
-        return self._offset_interval[1]
-
-    # --- prediction --------------------------------------------------------------------------------------------------------
-
-    def predict(self, recording: Recording, *, offset_s: float | None = None) -> pd.DataFrame:
-        """Bias of every sample.
-
-        Parameters
-        ----------
-        recording : Recording or table
-            A table as :func:`rlgcomp.recording` takes it.
-        offset_s : float, optional
-            Zero the offset of this run by its gyro over so many seconds at its start; see
-            :mod:`rlgcomp.compensation.start_offset`.
-
-        Returns
-        -------
-        pandas.DataFrame
-            `bias_deg_h`, `out_of_range` and `half_width_deg_h`, one row a sample.
-        """
-        self.require_fitted()
-        recording = require_recording(recording, "recording")
-        predicted = self._estimate.of_recording(recording, self.pipeline_, self.averaging_s)
-        if offset_s is None:
-            return predicted
-        offset, scored = StartOffset(offset_s), recording.scored
-        zeroed = self.zeroed(offset, recording.time_s[scored], recording.rate_deg_h(self.gyro)[scored], predicted[scored])
-        return pd.concat([predicted[~scored], zeroed]).sort_index()
-
-    def zeroed(self, offset: StartOffset, time_s: Array, rate_deg_h: Array, predicted: pd.DataFrame) -> pd.DataFrame:
-        """Predictions of consecutive samples with the offset of their run, and its interval once the start is over.
-
-        Parameters
-        ----------
-        offset : StartOffset
-            Its state goes on from sample to sample.
-        time_s, rate_deg_h : ndarray, shape (n,)
-        predicted : pandas.DataFrame
-            As :meth:`steps` returns it.
-        """
-        bias = predicted["bias_deg_h"].to_numpy()
-        offsets, over = offset.run(time_s, rate_deg_h - bias)
-        narrower = self.offset_interval(offset.duration_s).inside_deg_h - self.interval_.inside_deg_h
-        half_width = predicted["half_width_deg_h"].to_numpy() + np.where(over, narrower, 0.0)
-        return predicted.assign(bias_deg_h=bias + offsets, half_width_deg_h=half_width)
-
-    def correct(self, recording: Recording, *, offset_s: float | None = None) -> Recording:
-        """The recording with its bias removed.
-
-        The gyro comes out as a rate (pulses become deg/h); `compensation_deg_h` holds what was subtracted and
-        `compensation_out_of_range` is 1 where an input lay beyond the training range. 90 % of the
-        corrected gyro's means over the averaging time lie within `compensation_half_width_deg_h` of zero.
-
-        Parameters
-        ----------
-        recording : Recording or table
-            A table as :func:`rlgcomp.recording` takes it.
-        offset_s : float, optional
-            As for :meth:`predict`.
-
-        Raises
-        ------
-        InputError
-            It was corrected already, lacks a monitor, or is no recording.
-        """
-        recording = require_recording(recording, "recording")
-        require_raw(recording.name, recording.columns)
-        column = recording.gyro_column(self.gyro)
-        rate_deg_h, predicted = recording.rate_deg_h(column), self.predict(recording, offset_s=offset_s)
-        table = corrected_table(recording.table, column, rate_deg_h, predicted, reference_deg_h=self.reference_deg_h)
-        return recording.replace(table=table)
-
-    def step(self, sample: Mapping[str, float]) -> Correction:
-        """Bias of one sample, as a real-time box computes it; :meth:`restart` begins a new recording.
-
-        Every model of the package gives the bits that :meth:`predict` gives for the whole recording.
-
-        Parameters
-        ----------
-        sample : mapping of str to float
-            `time_s` and the monitors; other entries are ignored.
-
-        Raises
-        ------
-        InputError
-            A monitor is missing or not finite, a feature is undefined, time does not increase, or the model reads sequences of
-            averages and has no sample-by-sample form. The state is not changed then.
-        """
-        self._require_steps()
-        values, self._state = self.pipeline_.step(self._state, sample)
-        X = values[None, :]
-        return Correction(float(self.predict_rows(X)[0]), bool(self.scaling_.outside(X)[0]), float(self.half_widths(X)[0]))
-
-    def steps(self, samples: pd.DataFrame) -> pd.DataFrame:
-        """Bias of the next samples, with the same bits as :meth:`step` for each.
-
-        Parameters
-        ----------
-        samples : pandas.DataFrame
-            `time_s`, increasing and after that of the last sample, and the monitors, all finite.
-
-        Returns
-        -------
-        pandas.DataFrame
-            As :meth:`predict` returns it.
-        """
-        self._require_steps()
-        time_s, monitors = (
-            samples[TIME].to_numpy(dtype=np.float64),
-            samples[list(self.pipeline_.columns)].to_numpy(dtype=np.float64),
-        )
-        X, self._state = self.pipeline_.run(self._state, time_s, monitors)
-        return self._estimate.table(X)
-
-    def restart(self) -> None:
-        """Begin a new recording for :meth:`step` and :meth:`steps`."""
-        self._state = None
-
-    def predict_rows(self, X: Array) -> Array:
-        """Bias in deg/h for unscaled inputs, shape (n, features)."""
-        return self._estimate.bias_deg_h(X)
-
-    def half_widths(self, X: Array) -> Array:
-        """Half width of the interval about the bias in deg/h, for unscaled inputs, shape (n, features)."""
-        return self._estimate.half_width_deg_h(X)
-
-    @property
-    def reference_deg_h(self) -> float:
-        """Mean of the corrected gyro under the conditions of training."""
-        return self.scaling_.y_mean_deg_h if self.keep_mean else 0.0
+    # --- tables ------------------------------------------------------------------------------------------------------------
 
     def contributions(self) -> pd.DataFrame:
         """How much of the estimated bias each input makes: its change where the input alone stays at its mean over training.
@@ -483,22 +344,6 @@ class Compensator(BaseEstimator):  # type: ignore[misc]
         """
         self.require_fitted()
         serialisation.save(path, self)
-
-    # --- inside ------------------------------------------------------------------------------------------------------------
-
-    @property
-    def _estimate(self) -> Estimate:
-        return Estimate(self.model_, self.scaling_, self.interval_)
-
-    def _require_steps(self) -> None:
-        self.require_fitted()
-        if sequential(self.model_):
-            raise InputError("a sequence model answers once an averaging time, not sample by sample; use predict, or another model")
-
-    def require_fitted(self) -> None:
-        """Raise `InputError` unless it is fitted."""
-        if not hasattr(self, "model_"):
-            raise InputError("this Compensator is not fitted yet; call .fit(runs), or load one with rlgcomp.load")
 
 
 def _default_model(physics: Simulator | None) -> Any:

@@ -24,6 +24,7 @@ import numpy.typing as npt
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
+from rlgcomp.compensation.models.lssvm_search import selected_text
 from rlgcomp.compensation.models.specification import Candidates, Labels, ModelSpecification
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
@@ -57,6 +58,11 @@ class Selection:
     best: dict[str, Any]
     rmse: float | None
     table: pd.DataFrame
+
+    @property
+    def text(self) -> str:
+        """The selected parameters in words."""
+        return selected_text(self.best)
 
     def remarks(self, before_deg_h: float, parts: str) -> list[Message]:
         """A remark on a model that is no better than none with parts left out; empty for any other model.

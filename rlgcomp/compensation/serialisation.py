@@ -20,6 +20,7 @@ from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
+from rlgcomp.compensation.models.lssvm_search import selected_text
 from rlgcomp.compensation.models.specification import ModelSpecification, finite
 from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
@@ -256,13 +257,12 @@ def summary(manifest: Mapping[str, Any]) -> str:
     rmse, half_width = manifest["selection"]["rmse"], manifest["interval"]["inside_deg_h"]
     residual = "not known" if rmse is None else f"{rmse * before:.3g} deg/h"
     hours = sum(float(run["hours"]) for run in manifest["runs"])
-    selected = ", ".join(f"{name} = {_short(value)}" for name, value in manifest["selection"]["best"].items())
     count = f"{len(inputs)} input{'s' if len(inputs) > 1 else ''}"
     lines = [
         f"Compensator of {manifest['output']['gyro']}: {manifest['model']['name']} on {count}, {manifest['averaging_s']:g} s means",
         textwrap.fill(f"  inputs: {', '.join(inputs)}", _CARD_WIDTH, subsequent_indent=" " * 6),
         f"  trained on: {', '.join(str(run['run']) for run in manifest['runs'])} ({hours:.1f} h)",
-        f"  selected: {selected or 'no parameter: one candidate'}",
+        f"  selected: {selected_text(manifest['selection']['best'])}",
         f"  rms before {before:.3g} deg/h, with runs left out {residual}; 90 % interval ± {half_width:.2g} deg/h",
     ]
     return "\n".join(lines)

@@ -143,10 +143,12 @@ def _model(compensator: Compensator) -> str:
     name = type(compensator.model_).__name__
     kernel = parameters_of(compensator.model_).get("kernel")
     words = _MODELS.get(name, name) + (f" with a {kernel} kernel" if isinstance(kernel, str) else "")
-    best = compensator.selection_.best
-    chosen = ", ".join(f"{key} = {_value(value)}" for key, value in best.items())
     parts = "run" if len(compensator.provenance_) != 1 else "block of the run"
-    return f"{words}; chosen by leaving each {parts} out in turn: {chosen}." if chosen else f"{words}."
+    return (
+        f"{words}; chosen by leaving each {parts} out in turn: {compensator.selection_.text}."
+        if compensator.selection_.best
+        else f"{words}."
+    )
 
 
 def _parameter_table(compensator: Compensator) -> pd.DataFrame:

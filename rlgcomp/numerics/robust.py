@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 SD_OF_MAD: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
+_OUTLIER_WEIGHT: Final = 1e-4
 
 
 def robust_sd(values: npt.NDArray[np.float64]) -> float:
@@ -17,6 +18,30 @@ def robust_sd(values: npt.NDArray[np.float64]) -> float:
     1.4826
     """
     return SD_OF_MAD * float(np.median(np.abs(values)))
+
+
+def suykens_weights(residuals: npt.NDArray[np.float64], multiplicity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Suykens' weights of residuals: 1 within 2.5 robust standard deviations, next to none beyond 3.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n,)
+    multiplicity : ndarray, shape (n,)
+        How many rows each stands for.
+    """
+    spread = SD_OF_MAD * _weighted_median(np.abs(residuals - _weighted_median(residuals, multiplicity)), multiplicity)
+    if spread == 0.0:
+        return np.ones(len(residuals))
+    far = np.abs(residuals) / spread
+    return np.where(far <= 2.5, 1.0, np.where(far <= 3.0, (3.0 - far) / 0.5, 0.0)).clip(_OUTLIER_WEIGHT, 1.0)
+
+
+def _weighted_median(values: npt.NDArray[np.float64], multiplicity: npt.NDArray[np.float64]) -> float:
+    """Weighted median: of whole multiplicities the median of the repeated values."""
+    order = np.argsort(values)
+    cumulative = np.cumsum(multiplicity[order])
+    middle = [np.searchsorted(cumulative, 0.5 * cumulative[-1], side=side) for side in ("left", "right")]
+    return float(np.mean(values[order][middle]))
 
 
 def segments(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:

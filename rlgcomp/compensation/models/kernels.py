@@ -5,11 +5,14 @@ Each takes points x, shape (n, features), and z, shape (m, features), and its ow
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+
+from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 _ROWS: Final = 48  # of a symmetric kernel matrix that are computed together
@@ -188,3 +191,16 @@ _OF_PRODUCT: Final[Mapping[str, Callable[[Array, Mapping[str, Any]], Array]]] = 
 
 def _matern_of(scaled: Array) -> Array:
     return np.asarray((1.0 + scaled) * np.exp(-scaled))
+
+
+@compiled(reassociate=True)
+def sum_of_row(centres: Array, alpha: Array, factor: float, intercept: float, exponent: Array, x: Array) -> float:
+    """sum_i alpha_i (K(x_i, x) - 1) + b, centres of shape (features, n)."""
+    exponent[:] = 0.0
+    for f in range(len(centres)):
+        for i in range(len(alpha)):
+            exponent[i] += (centres[f, i] - x[f]) ** 2
+    total = intercept
+    for i in range(len(alpha)):
+        total += alpha[i] * math.expm1(factor * exponent[i])
+    return total

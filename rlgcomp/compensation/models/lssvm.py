@@ -32,7 +32,6 @@ G. C. Cawley, N. L. C. Talbot, Neural Networks 17, 1467 (2004) (leave-one-out in
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from typing import Any, Final, Self
 
@@ -43,32 +42,18 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from rlgcomp.compensation.models.border import Border
-from rlgcomp.compensation.models.cubic import DYNAMICS
-from rlgcomp.compensation.models.fixed_size import fixed_size_rmse
-from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum
+from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum, sum_of_row
 from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device
-from rlgcomp.compensation.models.regularisation_path import leave_groups_out_path
 from rlgcomp.compensation.models.run_biases import indicator
-from rlgcomp.compensation.models.specification import (
-    Candidates,
-    ModelSpecification,
-    between_and_within,
-    require_choice,
-    require_number,
-    require_shape,
-)
+from rlgcomp.compensation.models.specification import require_choice, require_number
 from rlgcomp.errors import InputError
-from rlgcomp.numerics.compiled import compiled
-from rlgcomp.numerics.robust import SD_OF_MAD
+from rlgcomp.numerics.robust import suykens_weights
 
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid", "rbf", "poly")
 _SYNONYMS: Final = {"rbf": "gaussian", "poly": "polynomial"}  # as scikit-learn names them
-MANY_ROWS: Final = 1500  # beyond which candidates are compared on this number of centres:
 WITHOUT_KERNEL: Final = 1e-9  # c of which the kernel's part is nothing
-CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel to rounding
 _ROBUST_PASSES: Final = 3
-_OUTLIER_WEIGHT: Final = 1e-4
 
 
 class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
@@ -212,7 +197,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         weights = multiplicity
         for _ in range(_ROBUST_PASSES if self.robust else 0):
             alpha, _ = self._with_run_biases(kkt_system(self.c * weights), target).solve(target)
-            weights = multiplicity * _suykens_weights(alpha / (self.c * weights), multiplicity)
+            weights = multiplicity * suykens_weights(alpha / (self.c * weights), multiplicity)
         self.X_fit_ = inputs
         self.weights_ = weights
         solved = self._with_run_biases(kkt_system(self.c * weights), target)
@@ -303,7 +288,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             raise InputError(f"a row predictor has one output, and this model {self.alpha_.shape[1]}; use predict")
         centres, alpha = np.ascontiguousarray(self.X_fit_.T), np.ascontiguousarray(self.alpha_)
         return functools.partial(
-            _predicted_row.fast(), centres, alpha, -0.5 / self.sigma**2, float(self.intercept_), np.empty(len(alpha))
+            sum_of_row.fast(), centres, alpha, -0.5 / self.sigma**2, float(self.intercept_), np.empty(len(alpha))
         )
 
     def leave_groups_out(self, groups: npt.ArrayLike) -> Array:
@@ -469,19 +454,6 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         return np.asarray(np.einsum("ij,ji->i", across, each) - np.einsum("ij,ji->i", rest, uncertain))
 
 
-@compiled(reassociate=True)
-def _predicted_row(centres: Array, alpha: Array, factor: float, intercept: float, exponent: Array, x: Array) -> float:
-    """sum_i alpha_i (K(x_i, x) - 1) + b, centres of shape (features, n)."""
-    exponent[:] = 0.0
-    for f in range(len(centres)):
-        for i in range(len(alpha)):
-            exponent[i] += (centres[f, i] - x[f]) ** 2
-    total = intercept
-    for i in range(len(alpha)):
-        total += alpha[i] * math.expm1(factor * exponent[i])
-    return total
-
-
 def _positive_weights(X: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
     """Rows, output and weights where the weight is positive."""
     positive = weight > 0.0
@@ -491,87 +463,3 @@ def _positive_weights(X: Array, y: Array, weight: Array) -> tuple[Array, Array, 
             "or positive, at least two of them positive"
         )
     return (X, y, weight) if positive.all() else (X[positive], y[positive], weight[positive])
-
-
-def _suykens_weights(residuals: Array, multiplicity: Array) -> Array:
-    """Robust weights of residuals with multiplicities."""
-    spread = SD_OF_MAD * _median(np.abs(residuals - _median(residuals, multiplicity)), multiplicity)
-    if spread == 0.0:
-        return np.ones(len(residuals))
-    far = np.abs(residuals) / spread
-    return np.where(far <= 2.5, 1.0, np.where(far <= 3.0, (3.0 - far) / 0.5, 0.0)).clip(_OUTLIER_WEIGHT, 1.0)
-
-
-def _median(values: Array, multiplicity: Array) -> float:
-    """Weighted median: of whole multiplicities the median of the repeated values."""
-    order = np.argsort(values)
-    cumulative = np.cumsum(multiplicity[order])
-    middle = [np.searchsorted(cumulative, 0.5 * cumulative[-1], side=side) for side in ("left", "right")]
-    return float(np.mean(values[order][middle]))
-
-
-def _batches(features: int) -> list[list[dict[str, Any]]]:
-    """One batch a width, from 64 sqrt(features), nearly linear, to a quarter of sqrt(features); within it every c."""
-    widths = np.sqrt(features) * 2.0 ** np.arange(6.0, -2.5, -1.0)
-    return [[{"sigma": float(sigma), "c": float(c)} for c in 10.0 ** np.arange(-1.0, 9.0)] for sigma in widths]
-
-
-def _batches_of(model: LSSVMRegressor, features: int) -> list[list[dict[str, Any]]]:
-    """With inputs that enter linearly, their sum without a kernel's part is the first candidate, and smaller c are tried."""
-    batches = _batches(max(1, features - len(model.linear)))
-    if not model.straight:
-        return batches
-    less = [[{"sigma": batch[0]["sigma"], "c": c} for c in (1e-3, 1e-2)] + batch for batch in batches]
-    less[0].insert(0, {"sigma": batches[0][0]["sigma"], "c": WITHOUT_KERNEL})
-    return less
-
-
-def _rmse_of_batch(model: LSSVMRegressor, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
-    sigma = candidates[0]["sigma"]
-    c = np.array([candidate["c"] for candidate in candidates])
-    if model.straight and len(y) > MANY_ROWS:  # c, of noise over function, is that of fewer rows
-        step = -(-len(y) // MANY_ROWS)
-        X, y, groups = X[::step], y[::step], groups[::step]
-    if model.kernel_name == "gaussian" and not model.robust and len(y) > MANY_ROWS:
-        return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c, run_biases=model.run_variance is None)
-    smooth = np.delete(X, list(model.linear), axis=1)
-    gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, smooth, smooth)
-    runs, columns = groups if model.run_variance is None else None, model.straight_columns(X)
-    residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs, columns=columns)
-    return between_and_within(residuals, groups)
-
-
-def _check(model: LSSVMRegressor, features: int) -> None:
-    model.check_parameters()
-    require_shape(model, "X_fit_", len(model.alpha_), features)
-    require_shape(model, "alpha_", len(model.X_fit_))
-    require_shape(model, "weights_", len(model.X_fit_))
-    if model.runs_ is not None:
-        require_shape(model, "runs_", len(model.X_fit_))
-    model.require_linear(features, model.alpha_)
-    if model.straight:
-        count = features if model.trend else len(model.linear)
-        require_shape(model, "coef_", count)
-        require_shape(model, "coef_std_", count)
-    if model.run_variance_ < 0.0:
-        raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
-
-
-def _specification(name: str, **defaults: Any) -> ModelSpecification:
-    return ModelSpecification(
-        name=name,
-        estimator=LSSVMRegressor,
-        defaults=defaults,
-        batches=_batches,
-        batches_of=_batches_of,
-        rmse=_rmse_of_batch,
-        threads=True,
-        reach=1.0,
-        numbers=("intercept_", "scale_", "run_variance_"),
-        arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_", "coef_std_"),
-        check=_check,
-    )
-
-
-SPECIFICATION: Final = _specification("lssvm")
-SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS, trend=True))
