@@ -9,7 +9,7 @@ import rlgcomp as rlg
 from rlgcomp.compensation.models import MODELS, regularisation_path
 from rlgcomp.compensation.models.border import Border
 from rlgcomp.compensation.models.kernels import kernel
-from rlgcomp.compensation.models.lssvm import WITHOUT_KERNEL
+from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL
 from rlgcomp.compensation.models.regularisation_path import leave_groups_out_path
 from rlgcomp.compensation.models.run_biases import indicator
 

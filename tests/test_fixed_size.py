@@ -10,7 +10,7 @@ from sklearn.base import clone
 from sklearn.linear_model import Ridge
 
 import rlgcomp as rlg
-from rlgcomp.compensation.models import MODELS, fixed_size, lssvm_search
+from rlgcomp.compensation.models import MODELS, fixed_size, lssvm, lssvm_search
 from rlgcomp.compensation.models.fixed_size import fixed_size_rmse, spread_out
 from rlgcomp.compensation.models.kernels import gaussian
 from rlgcomp.compensation.models.specification import between_and_within
@@ -79,9 +79,9 @@ def test_runs_with_biases_have_the_folds_of_the_exact_system() -> None:
 def test_the_selection_of_many_rows_finds_what_the_exact_one_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     X, y = smooth_rows(700)
     groups = np.arange(700) // 70
-    exact = select(lssvm_search.SPECIFICATION, rlg.LSSVMRegressor(), X, y, groups)
+    exact = select(lssvm.SPECIFICATION, rlg.LSSVMRegressor(), X, y, groups)
     monkeypatch.setattr(lssvm_search, "MANY_ROWS", 600)
-    fast = select(lssvm_search.SPECIFICATION, rlg.LSSVMRegressor(), X, y, groups, n_jobs=2)
+    fast = select(lssvm.SPECIFICATION, rlg.LSSVMRegressor(), X, y, groups, n_jobs=2)
     assert fast.best == exact.best
     assert fast.rmse == pytest.approx(exact.rmse, rel=1e-4)
 

@@ -18,7 +18,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import app, register_commands
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.known_physics import LEARNT, known_physics
-from rlgcomp.compensation.models.lssvm import WITHOUT_KERNEL
+from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.c_source import physics_bytes
 from rlgcomp.export.target import Options, export

@@ -12,7 +12,9 @@ from sklearn.base import clone
 import rlgcomp as rlg
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.kernels import kernel
+from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL
 from rlgcomp.compensation.models.regularisation_path import leave_groups_out_path
+from rlgcomp.compensation.selection import Selection
 from rlgcomp.compensation.window_means import window_means
 from rlgcomp.export.expansion import expansion_of
 from rlgcomp.export.target import Options, export
@@ -102,3 +104,10 @@ def test_its_onnx_agrees_with_python(model: rlg.Compensator, short_runs: list[rl
     pytest.importorskip("onnx", reason="onnx is not installed: extra `onnx`")
     model.save(tmp_path / "model")
     export(tmp_path / "model", tmp_path / "onnx", "onnx", Options(runs=[short_runs[2]]))
+
+
+def test_a_selection_without_a_kernel_is_said_in_words(model: rlg.Compensator) -> None:
+    assert Selection({"sigma": 4.0, "c": WITHOUT_KERNEL}, 0.5, model.selection_.table).text.startswith("no kernel")
+    assert Selection({"sigma": 4.0, "c": 1e4}, 0.5, model.selection_.table).text == "sigma = 4, c = 10000"
+    assert model.selection_.text in repr(model)
+    assert Selection({}, None, model.selection_.table).text == "no parameter: one candidate"

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from experiments.speed.lssvmlab import lssvmlab
 from experiments.speed.measure import Case, Peer, Row
 from rlgcomp.compensation.feature_pipeline import pipeline_for
-from rlgcomp.compensation.models import lssvm_search
+from rlgcomp.compensation.models import lssvm
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.compensation.models.specification import Labels, ModelSpecification
 from rlgcomp.compensation.selection import Selection, select
@@ -28,14 +28,14 @@ WIDTHS: Final = np.sqrt(12.0) * np.geomspace(16.0, 0.25, 15)
 WEIGHTS: Final = 10.0 ** np.linspace(-1.0, 6.0, 15)
 RUN_S: Final = 40_800.0
 SPECIFICATION: Final = ModelSpecification(
-    name=lssvm_search.SPECIFICATION.name,
+    name=lssvm.SPECIFICATION.name,
     estimator=LSSVMRegressor,
     batches=lambda features: [[{"sigma": float(s), "c": float(c)} for c in WEIGHTS] for s in WIDTHS],
-    rmse=lssvm_search.SPECIFICATION.rmse,
+    rmse=lssvm.SPECIFICATION.rmse,
     threads=True,
     numbers=(),
     arrays=(),
-    check=lssvm_search.SPECIFICATION.check,
+    check=lssvm.SPECIFICATION.check,
 )
 
 

@@ -1,6 +1,6 @@
 """Models of a gyro's bias: regressors under scikit-learn's contract, each with the specification that selects and saves it.
 
-To add a model, write its file, end it (or that of its search) with its `SPECIFICATION`, and name it in `MODELS`.
+To add a model, write its file, end it with its `SPECIFICATION`, and name it in `MODELS`.
 """
 
 from __future__ import annotations
@@ -8,14 +8,14 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import Any, Final
 
-from rlgcomp.compensation.models import baselines, cubic, fixed_size, lssvm_search, sequence
+from rlgcomp.compensation.models import baselines, cubic, fixed_size, lssvm, sequence
 from rlgcomp.compensation.models.specification import ModelSpecification
 
 MODELS: Final[MappingProxyType[str, ModelSpecification]] = MappingProxyType(
     {
         specification.name: specification
         for specification in (
-            *lssvm_search.SPECIFICATIONS,
+            *lssvm.SPECIFICATIONS,
             fixed_size.SPECIFICATION,
             *cubic.SPECIFICATIONS,
             *baselines.SPECIFICATIONS,

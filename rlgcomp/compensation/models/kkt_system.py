@@ -116,6 +116,26 @@ class KKTSystem:
         return residuals
 
 
+def variance_reduction(h: Array, across: Array, border: Border, columns: Array) -> Array:
+    """By how much the training rows reduce the variance of further rows, shape (m,).
+
+    Parameters
+    ----------
+    h : ndarray, shape (n, n)
+        H, with the covariance of the runs' biases.
+    across : ndarray, shape (m, n)
+        Kernel between the further rows and the training rows.
+    border : Border
+    columns : ndarray, shape (m, k)
+        The border's columns of the further rows.
+    """
+    solved = linalg.solve(h, np.column_stack([border.basis, across.T]), assume_a="sym")
+    of_border, each = np.split(solved, [border.basis.shape[1]], axis=1)
+    rest = np.column_stack([np.ones(len(across)), columns]) @ border.back - across @ of_border
+    uncertain = linalg.solve(border.basis.T @ of_border, rest.T, assume_a="sym")
+    return np.asarray(np.einsum("ij,ji->i", across, each) - np.einsum("ij,ji->i", rest, uncertain))
+
+
 class DeviceKKTSystem:
     """H, factored on a torch device.
 

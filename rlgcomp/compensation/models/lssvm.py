@@ -37,22 +37,22 @@ from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from rlgcomp.compensation.models.border import Border
+from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum, sum_of_row
-from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device
+from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device, variance_reduction
+from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL, batches, batches_of, rmse_of_batch
 from rlgcomp.compensation.models.run_biases import indicator
-from rlgcomp.compensation.models.specification import require_choice, require_number
+from rlgcomp.compensation.models.specification import ModelSpecification, require_choice, require_number, require_shape
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.robust import suykens_weights
 
 Array = npt.NDArray[np.float64]
 _KERNELS: Final = ("gaussian", "linear", "polynomial", "sigmoid", "rbf", "poly")
 _SYNONYMS: Final = {"rbf": "gaussian", "poly": "polynomial"}  # as scikit-learn names them
-WITHOUT_KERNEL: Final = 1e-9  # c of which the kernel's part is nothing
 _ROBUST_PASSES: Final = 3
 
 
@@ -442,16 +442,10 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             return system.variance_reduction(X)
         smooth, border = self._smooth(self.X_fit_), Border.of(self.straight_columns(self.X_fit_))
         across = kernel(self.kernel_name, self.get_params(), self._smooth(X), smooth)
-        gram = kernel(self.kernel_name, self.get_params(), smooth, smooth)
+        gram = kernel(self.kernel_name, self.get_params(), smooth, smooth) + np.diag(1.0 / (self.c * self.weights_))
         if self.runs_ is not None:
-            gram = gram + self.run_variance_ * (self.runs_[:, None] == self.runs_)
-        solved = linalg.solve(
-            gram + np.diag(1.0 / (self.c * self.weights_)), np.column_stack([border.basis, across.T]), assume_a="sym"
-        )
-        of_border, each = np.split(solved, [border.basis.shape[1]], axis=1)
-        rest = np.column_stack([np.ones(len(X)), self.straight_columns(X)]) @ border.back - across @ of_border
-        uncertain = linalg.solve(border.basis.T @ of_border, rest.T, assume_a="sym")
-        return np.asarray(np.einsum("ij,ji->i", across, each) - np.einsum("ij,ji->i", rest, uncertain))
+            gram += self.run_variance_ * (self.runs_[:, None] == self.runs_)
+        return variance_reduction(gram, across, border, self.straight_columns(X))
 
 
 def _positive_weights(X: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
@@ -463,3 +457,39 @@ def _positive_weights(X: Array, y: Array, weight: Array) -> tuple[Array, Array, 
             "or positive, at least two of them positive"
         )
     return (X, y, weight) if positive.all() else (X[positive], y[positive], weight[positive])
+
+
+def _check(model: LSSVMRegressor, features: int) -> None:
+    model.check_parameters()
+    require_shape(model, "X_fit_", len(model.alpha_), features)
+    require_shape(model, "alpha_", len(model.X_fit_))
+    require_shape(model, "weights_", len(model.X_fit_))
+    if model.runs_ is not None:
+        require_shape(model, "runs_", len(model.X_fit_))
+    model.require_linear(features, model.alpha_)
+    if model.straight:
+        count = features if model.trend else len(model.linear)
+        require_shape(model, "coef_", count)
+        require_shape(model, "coef_std_", count)
+    if model.run_variance_ < 0.0:
+        raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
+
+
+def _specification(name: str, **defaults: Any) -> ModelSpecification:
+    return ModelSpecification(
+        name=name,
+        estimator=LSSVMRegressor,
+        defaults=defaults,
+        batches=batches,
+        batches_of=batches_of,
+        rmse=rmse_of_batch,
+        threads=True,
+        reach=1.0,
+        numbers=("intercept_", "scale_", "run_variance_"),
+        arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_", "coef_std_"),
+        check=_check,
+    )
+
+
+SPECIFICATION: Final = _specification("lssvm")
+SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS, trend=True))
