@@ -19,8 +19,8 @@ from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.search import State
 from rlgcomp.diagnosis.simulator_file import simulator_of
+from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
 from rlgcomp.errors import InputError

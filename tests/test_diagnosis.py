@@ -19,8 +19,8 @@ from rlgcomp.diagnosis.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
-from rlgcomp.diagnosis.regions import Setting
 from rlgcomp.diagnosis.screen import Layout, Screen
+from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.telegraph import two_state
 from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.variants import gains

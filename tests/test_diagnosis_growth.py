@@ -13,7 +13,8 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.memories import Plays, Preisach, Relays
-from rlgcomp.diagnosis.regions import Setting, named
+from rlgcomp.diagnosis.regions import named
+from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.telegraph import two_state
 from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.simulation.simulator import Simulator

@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.memories import Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.numerics.readings import Readings, noise_variance, readings_of, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording

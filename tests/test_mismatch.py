@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.memories import Plays
 from rlgcomp.diagnosis.mismatch import p_value, parts, statistics, tail_probability
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Screen
-from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.simulation.simulator import Simulator
 

@@ -12,6 +12,8 @@ Rooms, each importing only from those before it:
     memories    bases with a memory: lags, plays, relays
     times       bases of the time in a run: laws of switch-on, waves
     terms       forms and regions: a mechanism is the name of a region
+    setting     what builders of regions read
+    loops       families of relays: hysteresis and mode hops
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
     turning     rows and regions where a table turns
@@ -28,8 +30,9 @@ Rooms, each importing only from those before it:
     variants    of forms that differ in a basis or two
     pairs       of pairs of forms
     members     a member of a set: chosen, polished, grown
-    search      sets of regions
     telegraph   a two-state process beside a set
+    states      a set at its best: its noise, its forms, errors of its drivers
+    search      a beam over sets
     posterior   probabilities of sets and regions
     fit         weights, predictions
     mismatch    whether anything is missing, and where

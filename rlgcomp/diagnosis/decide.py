@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import MemoryClass, Region
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]

@@ -31,7 +31,7 @@ from rlgcomp.diagnosis.laboratory import Laboratory
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.programmes import ChamberRange, chamber_programmes
 from rlgcomp.diagnosis.record import NextExperiment
-from rlgcomp.diagnosis.search import State
+from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.table_programmes import RateTable, table_programmes
 from rlgcomp.diagnosis.turning import with_angle_rows
 from rlgcomp.errors import InputError

@@ -26,11 +26,13 @@ from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.prepare import SIMULATED, AnySimulator, Prepared
 from rlgcomp.diagnosis.programmes import ChamberRange
 from rlgcomp.diagnosis.record import Request
-from rlgcomp.diagnosis.regions import Setting, laws, named, own_bases
+from rlgcomp.diagnosis.regions import laws, named, own_bases
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.scores import score
 from rlgcomp.diagnosis.screen import Layout
-from rlgcomp.diagnosis.search import Search, State
+from rlgcomp.diagnosis.search import Search
+from rlgcomp.diagnosis.setting import Setting
+from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
 from rlgcomp.errors import InputError

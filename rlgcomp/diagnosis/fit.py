@@ -18,8 +18,8 @@ from rlgcomp.diagnosis.clocks import CLOCK, Offset
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.lateness import LATE_THERMOMETER, Late
-from rlgcomp.diagnosis.search import State
 from rlgcomp.diagnosis.selections import BY_RUN, parameter_by_run
+from rlgcomp.diagnosis.states import State
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 

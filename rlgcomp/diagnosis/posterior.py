@@ -13,7 +13,8 @@ import numpy as np
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.mismatch import screened
 from rlgcomp.diagnosis.screen import Layout
-from rlgcomp.diagnosis.search import Key, Search, State
+from rlgcomp.diagnosis.search import Search
+from rlgcomp.diagnosis.states import Key, State
 from rlgcomp.diagnosis.terms import Region
 
 _PROVED: Final = 3  # sets that are tried with a two-state process beside them

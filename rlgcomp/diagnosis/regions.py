@@ -15,70 +15,20 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Magnitude, Own, Power, Product, Shift, Smooth
-from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.bases import Basis, EachRun, Magnitude, Own, Power, Product, Shift, Smooth
+from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.memories import (
-    SIDES,
-    Conduction,
-    Lag,
-    Plays,
-    Preisach,
-    Relays,
-    Spectrum,
-    Undecided,
-    one_after_the_other,
-    plane,
-)
+from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, with_relays
+from rlgcomp.diagnosis.memories import Conduction, Lag, Spectrum
+from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
-_DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3), (1.5, 0.15))  # radius and smoothness
-_HISTORIES: Final = 4  # columns a run of what was before it, beside a smooth density
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
-
-
-@dataclasses.dataclass(frozen=True)
-class Setting:
-    """What the builders of regions read: the training runs and the thermometer that the catalogue means by temperature."""
-
-    data: Data
-    temperature: Driver
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the runs."""
-        return tuple(run.name for run in self.data.runs)
-
-    @property
-    def other_thermometers(self) -> tuple[Driver, ...]:
-        """Of other places than the one that the catalogue means by temperature."""
-        columns = [c for c in self.data.columns if c.startswith("temperature_") and c != self.temperature.columns[0]]
-        return tuple(Driver.of(self.data, column) for column in columns)
-
-    @property
-    def has_thermometer(self) -> bool:
-        """Whether what stands for the temperature is one."""
-        return self.temperature.columns[0].startswith("temperature_")
-
-    @property
-    def thermal(self) -> Path:
-        return Path(self.temperature)
-
-    def time_constants_s(self, shortest: float = 1.0, longest: float = 1.0) -> tuple[float, ...]:
-        """From so many windows to so many run lengths, in equal ratios."""
-        first = shortest * self.data.runs[0].grid.window_s
-        return tuple(float(t) for t in np.geomspace(first, longest * self.data.longest_s, priors.TIME_CONSTANTS))
-
-
-def departures(path: Path, data: Data | None = None) -> tuple[Basis, ...]:
-    """Smooth functions of a path; with the data, each of two columns by itself as well, for their sensors err each by its own."""
-    each = path.driver.columns if data is not None and len(path.driver.columns) > 1 else ()
-    return (Smooth(path, knots=8, width=0.5), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))
 
 
 # --- thermal regions -----------------------------------------------------------------------------------------------------------
@@ -157,142 +107,6 @@ def _gradients(setting: Setting) -> list[Family]:
     return families
 
 
-def _departures_of_loops(driver: Driver, levels: int) -> tuple[Basis, ...]:
-    return Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.25, 14)
-
-
-def _hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Family]:
-    up, down = plane(priors.RELAY_LEVELS, 1.0)
-    every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
-    kin = _departures_of_loops(driver, levels)
-    shapes: list[tuple[str, list[Plays | Preisach | Relays]]] = [
-        ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
-        ("b = play(u; radius) - u", [Plays(driver, r, False) for r in priors.RADII]),
-        ("b = relays of exponential density", [Preisach(driver, r, False, levels=levels) for r in (0.1, 0.25, 0.6, 1.5)]),
-        ("b = relays of smooth density", [Preisach(driver, r, True, w, levels) for r, w in _DENSITIES]),
-        ("b = relays, each with a level of its own", [every]),
-    ]
-    names = tuple(run.name for run in runs)
-    one, smooth = EachRun(Undecided(driver, 0.7, levels), names), EachRun(Undecided(driver, 1.5, levels, _HISTORIES), names)
-    families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
-    before = [
-        Family(
-            f"{equation}, each run after a history of its own",
-            [(dataclasses.replace(b, start="unknown"), smooth) if isinstance(b, Preisach) and b.free else (b, one) for b in bases],
-            kin,
-        )
-        for equation, bases in shapes
-    ]
-    if len(runs) < 2:
-        return [*families, *before]
-    histories = one_after_the_other(driver, runs)
-    after = [
-        Family(
-            f"{equation}, one run after the other",
-            [
-                (dataclasses.replace(b, start="unknown", histories=histories), smooth if isinstance(b, Preisach) else one)
-                for b in bases
-            ],
-            kin,
-        )
-        for equation, bases in shapes
-    ]
-    return [*families, *before, *after]
-
-
-def _hysteresis(setting: Setting) -> list[Family]:
-    driver = setting.temperature
-    kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
-    single = [(relay,) for relay in _single_relays(setting)]
-    families = _hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS)
-    return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
-
-
-def _single_relays(setting: Setting) -> tuple[Relays, ...]:
-    driver = setting.temperature
-    begins = tuple((run.name, float(driver.values(run)[0])) for run in setting.data.runs)
-    up, down = plane(priors.RELAY_LEVELS, 1.0)
-    one = Relays(driver, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=begins)
-    return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
-
-
-def _more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
-    every = _single_relays(setting)
-
-    def grow(form: Form) -> Iterator[Form]:
-        if sum(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead) < priors.MOST_STEPS:
-            share = form.log_share + math.log(priors.MORE_STEPS / len(every))
-            for more in every:
-                if more not in form.lead:
-                    yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
-
-    return grow
-
-
-def _with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
-    every = _single_relays(setting)
-
-    def absorb(form: Form, other: Form) -> Form | None:
-        relays = [basis for basis in other.lead if isinstance(basis, Relays) and len(basis.up) == 1]
-        if len(relays) < len(other.lead) or any(relay.driver != setting.temperature for relay in relays):
-            return None
-        own = [dataclasses.replace(every[0], up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
-        lead = tuple(dict.fromkeys((*form.lead, *own)))
-        share = form.log_share + (len(lead) - len(form.lead)) * math.log(priors.MORE_STEPS / len(every))
-        return dataclasses.replace(form, lead=lead, log_share=share) if len(lead) <= priors.MOST_STEPS else None
-
-    return absorb
-
-
-def _wide_enough(relay: Relays) -> float:
-    return min(relay.down[0], relay.up[0] - priors.NARROWEST_LOOP)
-
-
-_FLIGHT: Final = 2.0 / priors.THRESHOLDS  # of a ladder: were its dead bands wider than its steps, it would be a hysteresis
-
-
-def _hops(setting: Setting) -> list[Family]:
-    driver = setting.temperature
-    levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
-    kin = (Smooth(setting.thermal, 0.5, 8),)
-    families = []
-    for band in priors.DEAD_BANDS:
-        for start in SIDES if band else ("rested",):
-            single = [
-                (Relays(driver, (float(level),), (float(level - band),), start, widest=priors.WIDEST_DEAD_BAND),)
-                for level in levels
-                if start == "rested" or _begins_within(setting, level - band, level)
-            ]
-            families.append(
-                Family("b = step * relay(T; up at threshold, down at dead_band below)", single, kin, own=(Shift, Glitch))
-            )
-        if band < _FLIGHT:
-            ladders = [(Relays(driver, tuple(levels.tolist()), tuple((levels - band).tolist())),)]
-            families.append(Family("b = ladder of relays of T, each with a level of its own", ladders, kin))
-    return families
-
-
-def _begins_within(setting: Setting, low: float, high: float) -> bool:
-    return any(low < setting.temperature.values(run)[0] < high for run in setting.data.runs)
-
-
-def _more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
-    levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
-
-    def grow(form: Form) -> Iterator[Form]:
-        first = form.lead[0]
-        if len(form.lead) >= priors.MOST_STEPS or not isinstance(first, Relays) or len(first.up) > 1:
-            return
-        band = first.up[0] - first.down[0]
-        share = form.log_share + math.log(priors.MORE_STEPS / len(levels))
-        for level in levels:
-            if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
-                more = dataclasses.replace(first, up=(float(level),), down=(float(level - band),))
-                yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
-
-    return grow
-
-
 # --- time since switch-on --------------------------------------------------------------------------------------------------------
 
 
@@ -354,8 +168,8 @@ _THERMAL: Final[Mapping[str, tuple[Callable[[Setting], list[Family]], str]]] = {
     "rate_asymmetry": (_rate_magnitude, "dynamic"),
     "thermal_lag": (_lags, "dynamic"),
     "thermal_gradient": (_gradients, "static"),
-    "thermal_hysteresis": (_hysteresis, "rate-independent"),
-    "mode_hop": (_hops, "rate-independent"),
+    "thermal_hysteresis": (hysteresis, "rate-independent"),
+    "mode_hop": (hops, "rate-independent"),
     "warm_up": (_warm_up, "none"),
     "ageing": (_ageing, "none"),
 }
@@ -415,8 +229,8 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
     return propose
 
 
-_GROW: Final = {"thermal_hysteresis": _more_relays, "thermal_lag": _more_lags, "mode_hop": _more_hops}
-_ABSORB: Final = {"thermal_hysteresis": _with_relays}
+_GROW: Final = {"thermal_hysteresis": more_relays, "thermal_lag": _more_lags, "mode_hop": more_hops}
+_ABSORB: Final = {"thermal_hysteresis": with_relays}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
 
@@ -499,7 +313,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
             families = [Family(f"b = k lag({column}, time_constant_s)", late, kin)]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
-            families = _hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS)
+            families = hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS)
             yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
