@@ -42,7 +42,16 @@ def local_cluster(workers: int, folder: Path) -> Iterator[Cluster]:
 
         scheduler = start("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--idle-timeout", "10m")
         _wait_for(place.exists)
-        worker = ("distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--death-timeout", "60")
+        worker = (
+            "distributed.cli.dask_worker",
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--death-timeout",
+            "60",
+            "--local-directory",
+            str(folder),
+        )
         processes = [scheduler, *(start(*worker) for _ in range(workers))]
         _wait_for(lambda: (folder / "log").read_bytes().count(b"Registered to") >= workers)
         yield json.loads(place.read_text())["address"], processes
