@@ -207,7 +207,8 @@ def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof
     assert told.data == {"run": "run4", "columns": ["magnetic_field_uT"]}
     assert found.test is not None
     assert [fit.run for fit in found.test.per_run] == ["run3"]
-    assert rlg.diagnose(simulator, train, [blind], mechanisms={"magnetic_field": few["magnetic_field"]}).test is None
+    alone = {"magnetic_field": few["magnetic_field"]}
+    assert rlg.diagnose(simulator, train, [blind], mechanisms=alone, black_box=False).test is None
 
 
 def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None:

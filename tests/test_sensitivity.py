@@ -26,6 +26,7 @@ from rlgcomp.cli.base import app
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.report.sensitivity import FoundCurve, curves_picture
+from tests.few_monitors import few_monitors
 from tests.own_mechanism import write_bellows
 
 SIMULATOR = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
@@ -35,7 +36,7 @@ FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage"
 @functools.cache
 def recordings() -> tuple[rlg.Recording, ...]:
     gyro = rlg.Simulator.from_mapping(SIMULATOR | {"noise": {"angle_random_walk_deg_sqrt_h": 0.0004}})
-    return tuple(gyro.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}") for seed in (1, 2))
+    return tuple(few_monitors(gyro.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}")) for seed in (1, 2))
 
 
 @functools.cache

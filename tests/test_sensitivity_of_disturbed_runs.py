@@ -8,6 +8,7 @@ from rlgcomp.challenge.sensitivity import sensitivity
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 
 FEW = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field")}
 BASELINE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
@@ -20,7 +21,8 @@ REAL = {
 
 @pytest.fixture(scope="module")
 def run() -> Recording:
-    return Simulator.from_mapping(REAL).simulate("start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 30", step_s=20.0)
+    run = Simulator.from_mapping(REAL).simulate("start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 30", step_s=20.0)
+    return few_monitors(run)
 
 
 def test_an_effect_is_injected_and_found(run: Recording) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 
 PROGRAMMES = (
     "start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 20, ramp 10 2, hold 20",
@@ -22,4 +23,4 @@ REAL = Simulator.from_mapping(
 
 def runs_of(simulator: Simulator, count: int = len(PROGRAMMES)) -> list[Recording]:
     """A run of each of the first programmes."""
-    return [simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES[:count])]
+    return [few_monitors(simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}")) for k, p in enumerate(PROGRAMMES[:count])]
