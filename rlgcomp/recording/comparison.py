@@ -87,21 +87,27 @@ class _Channel:
     def of(cls, values: Array) -> _Channel | None:
         if len(values) < FEWEST_SAMPLES:
             return None
-        bends = np.diff(values, 2)
-        size = np.abs(bends)
-        noise = float(np.mean(size[size <= np.quantile(size, 0.9)])) / (_MEAN_OF_LEAST * np.sqrt(6.0))
+        noise = _bend_noise(values)
         distinct, counts = np.unique(values, return_counts=True)
         apart = np.diff(distinct)
         apart = apart[apart > 1e-9 * max(1.0, float(np.abs(distinct).max()))]
         digit = float(np.min(apart)) if len(apart) else 0.0
+        del apart  # of months of samples each of these is large
         hidden = len(distinct) < len(values) / 2 and not noise > _DIGITS * digit
         if not noise > 0.0:
-            noise = float(np.sqrt(np.mean(bends**2) / 6.0))
+            noise = float(np.sqrt(np.mean(np.diff(values, 2) ** 2) / 6.0))
+        repeated = _repeated(values, distinct, counts)
+        del distinct, counts
         steps = noise_steps(values)
         correlation = float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2)) if steps is not None and np.any(steps) else np.nan
         low, high = np.quantile(values, [0.01, 0.99])
-        repeated = _repeated(values, distinct, counts)
         return cls(noise, correlation, float(np.median(values)), bool(low * high > 0.0), hidden, digit, **repeated)
+
+
+def _bend_noise(values: Array) -> float:
+    """Standard deviation of the noise of a channel by the least nine tenths of its bends."""
+    size = np.abs(np.diff(values, 2))
+    return float(np.mean(size[size <= np.quantile(size, 0.9)])) / float(_MEAN_OF_LEAST * np.sqrt(6.0))
 
 
 def _repeated(values: Array, distinct: Array, counts: npt.NDArray[np.int64]) -> dict[str, Any]:
@@ -324,9 +330,11 @@ def _clocks(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]
     if 1.0 + SMALLEST_CLOCK_ERROR < ratio < 1.0 + LARGEST_CLOCK_ERROR:
         both = {"period_s": periods[odd], "others_s": _typical(periods, odd)}
         return [message("recording.other_period", run=runs[odd].name, **both)]
+    if ratio < PERIOD_RATIO:
+        return []
     channels = {k: _Channel.of(rate) for k, rate in rates.items()}
     known = {k: one.noise for k, one in channels.items() if one is not None and one.noise > 0.0}
-    if ratio < PERIOD_RATIO or odd not in known or len(known) < 2:
+    if odd not in known or len(known) < 2:
         return []
     equal = known[odd] / _typical(known, odd)
     if not 1.0 / NOISE_RATIO < equal < NOISE_RATIO:
