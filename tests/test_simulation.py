@@ -233,6 +233,9 @@ class TestSimulator:
         assert len(predicted) == len(run)
         error = predicted.averaged().rate_deg_h() - run.replace(table=run.table.assign(gyro_deg_h=expected)).averaged().rate_deg_h()
         assert np.std(error) < 0.02 * expected.std()
+        assert np.array_equal(unit.expected_deg_h(run), predicted.rate_deg_h())
+        parts = [rlg.Simulator((mechanism,)).expected_deg_h(run) for mechanism in unit.mechanisms]
+        assert np.array_equal(unit.expected_deg_h(run), sum(parts))
 
     def test_runs_are_named_by_programme_and_seed(self, unit: rlg.Simulator, tmp_path: Path) -> None:
         (tmp_path / "soak.yaml").write_text("programme: start 20, hold 30\n")

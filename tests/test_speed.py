@@ -102,6 +102,7 @@ def test_what_misses_something_comes_first_on_the_page(tmp_path: Path) -> None:
     assert (lines[0], lines[-1], "old" in lines) == ("before", "after", False)
     at = [next(k for k, line in enumerate(lines) if line.startswith(f"| {begin} |")) for begin in (*kinds, "good", "late")]
     assert at == sorted(at)
+    require_page(Path(speed.__file__).parents[2] / "docs" / "performance.md")
     page.write_text("no marks")
     with pytest.raises(InputError, match="it lacks the lines"):
         require_page(page)

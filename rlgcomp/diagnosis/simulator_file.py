@@ -87,7 +87,7 @@ def simulator_of(fit: Fit, catalogue: Mapping[str, type[Mechanism]]) -> Simulato
     simulator = written.with_constant(mechanisms, constant)
     fitted = fit.data.means(fit.baseline.columns) @ fit.baseline.repeating(fit.solution.numbers) + repeating
     own = [
-        run.means(run.on_bins_of_rows(simulator.predict(run.recording).rate_deg_h()) - run.on_bins(written.stated(run)))
+        run.means(run.on_bins_of_rows(simulator.expected_deg_h(run.recording)) - run.on_bins(written.stated(run)))
         for run in fit.data.runs
     ]
     error = float(np.sqrt(np.mean((np.concatenate(own) - fitted) ** 2))) / max(fit.white, 1e-300)

@@ -195,14 +195,29 @@ class Simulator:
         InputError
             A mechanism's monitor is not in the recording.
         """
-        predictable = [mechanism for mechanism in self.mechanisms if mechanism.repeats()]
-        total = sum(self._errors(recording, predictable, 0).values(), self.nominal_deg_h(recording))
+        total = self.expected_deg_h(recording)
         own = [column for column in recording.gyro_columns if column in _GYRO_UNITS]
         column = own[0] if own else ("gyro_deg_h" if self.kind == "chamber" else "gyro_deg_s")
         table = recording.table.drop(columns=list(recording.gyro_columns))
         table.insert(1, column, convert(total, "deg/h", _GYRO_UNITS[column]))
         metadata = dataclasses.replace(recording.metadata, notes={**recording.metadata.notes, PREDICTED: True})
         return recording.replace(table=table, metadata=metadata, truth=None, findings=())
+
+    def expected_deg_h(self, recording: Recording) -> Array:
+        """The same gyro alone, in deg/h, shape (n,).
+
+        Raises
+        ------
+        InputError
+            A mechanism's monitor is not in the recording.
+        """
+        predictable = [mechanism for mechanism in self.mechanisms if mechanism.repeats()]
+        total = self.nominal_deg_h(recording)
+        if any(mechanism.stage == "lock_in" for mechanism in predictable):
+            return np.asarray(sum(self._errors(recording, predictable, 0).values(), total))
+        for label, mechanism in zip(_labels(predictable), predictable, strict=True):  # months of samples: one contribution at a time
+            total = total + mechanism.contribution(recording, stream(0, label))
+        return total
 
     def driver_columns(self, recording: Recording) -> list[str]:
         """The columns of a recording that its mechanisms read, as :meth:`Mechanism.driver_columns` gives them."""
