@@ -326,7 +326,7 @@ class Recording:
         InputError
             The window is shorter than a period, or fewer than three windows are full.
         """
-        scored = self.scored
+        scored = slice(None) if (after := self.scored).all() else after  # rows that a mask takes are copied
         windows = FullWindows.of(self.time_s[scored], window_s, self.period_s, name=self.name)
         known = [column for column in self.gyro_columns if not column.endswith("_pulses") or self.metadata.pulse_arcsec is not None]
         in_deg_h = {column: self.rate_deg_h(column) for column in known or self.gyro_columns}

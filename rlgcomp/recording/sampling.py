@@ -138,5 +138,8 @@ class FullWindows:
 
     def means(self, rows: pd.DataFrame) -> pd.DataFrame:
         """Mean of every column in every full window."""
-        means = np.add.reduceat(rows.to_numpy(), self.starts, axis=0) / self.counts[:, None]
-        return pd.DataFrame(means[self.full], columns=rows.columns)
+        means = np.empty((np.count_nonzero(self.full), rows.shape[1]))
+        for k in range(rows.shape[1]):  # the whole table as one array would be a copy of it
+            column = rows.iloc[:, k].to_numpy(dtype=np.float64)
+            means[:, k] = (np.add.reduceat(column, self.starts) / self.counts)[self.full]
+        return pd.DataFrame(means, columns=rows.columns)

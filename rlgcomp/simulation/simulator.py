@@ -215,7 +215,7 @@ class Simulator:
         total = self.nominal_deg_h(recording)
         if any(mechanism.stage == "lock_in" for mechanism in predictable):
             return np.asarray(sum(self._errors(recording, predictable, 0).values(), total))
-        for label, mechanism in zip(_labels(predictable), predictable, strict=True):  # months of samples: one contribution at a time
+        for label, mechanism in zip(_labels(predictable), predictable, strict=True):
             total = total + mechanism.contribution(recording, stream(0, label))
         return total
 
