@@ -224,7 +224,7 @@ class _Engine:
             own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
             data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        before, after = (self._in_training(state, bank) for state in (_null(posterior), best))
+        before, after = (self._in_training(state, bank) for state in (_without(best, posterior), best))
         refused = self._refused(decision, Fit(data, baseline, bank, before), Fit(data, baseline, bank, after))
         if refused is not None:
             decision = Decision("none", ())
@@ -342,6 +342,13 @@ def _null(posterior: Posterior) -> State:
     """The likeliest state with nothing missing and nothing beside it."""
     key = State((), Noise(), 0.0).key
     return next((state for state in posterior.states if state.key == key), State((), Noise(), 0.0))
+
+
+def _without(best: State, posterior: Posterior) -> State:
+    """The simulator alone under the noise that the gyro has beside a set; what an effect seems to be without it is no noise."""
+    if not best.members:
+        return _null(posterior)
+    return State((), dataclasses.replace(best.noise, errors=None, wander=0.0), 0.0)
 
 
 def _best(posterior: Posterior, decision: Decision) -> State:
