@@ -265,7 +265,7 @@ def test_the_simulator_before_is_calibrated_by_least_squares_where_the_gyro_is_w
     """What a slow effect seems to be without its mechanism, a random walk, weighs no window of the simulator alone."""
     runs = made(6, slope=12.0, read_noise=0.0)
     found = diagnose(Simulator.from_mapping(STATIC), runs, black_box=False)
-    assert [finding.mechanism for finding in found.findings] == ["light_intensity"]
+    assert [finding["mechanism"] for finding in found.to_mapping()["findings"]] == ["light_intensity"]
     averaged = [run.averaged(found.train.averaging_s) for run in runs]
     table = np.concatenate([np.vander((run.column("temperature_block_degC") - 20.0) / 30.0, 4) for run in averaged])
     output = np.concatenate([run.column("gyro_deg_h") for run in averaged])

@@ -228,7 +228,7 @@ class _Engine:
         refused = self._refused(decision, Fit(data, baseline, bank, before), Fit(data, baseline, bank, after))
         if refused is not None:
             decision = Decision("none", ())
-            after = self._in_training(_best(posterior, decision), bank)
+            before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
         if decision.verdict == "none" and Fit(data, baseline, bank, after).excess[1] < LOUDER:
             decision = Decision("unknown", (), louder=True)
         states = likely(posterior) if decision.verdict == "ambiguous" else []

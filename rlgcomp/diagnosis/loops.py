@@ -58,6 +58,7 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Fami
                 for b in bases
             ],
             kin,
+            priors.FOLLOWING_RUNS,
         )
         for equation, bases in shapes
     ]

@@ -99,6 +99,8 @@ STATED_SLOW_ERROR: Final = 0.25
 """Of bias instability and rate random walk: Allan curves end where these begin."""
 ENCODERS: Final = {0.0: 0.5, 0.3: 0.17, 0.7: 0.17, 1.5: 0.1, 4.0: 0.06}
 """Noise of one reading of a table's angle over its period, over the white noise of a sample: half of all tables show none."""
+FOLLOWING_RUNS: Final = 0.2
+"""Weight of runs of which each began where the one before had ended, against runs after a rest: most units rest in between."""
 OUTLIER_ODDS: Final = 1e-3
 """Odds that a window is an outlier: a knock, a glitch of a readout or of a monitor; one or two in a thousand windows."""
 OUTLIER_SIZE: Final = 8.0
