@@ -67,6 +67,14 @@ def test_where_it_beats_the_physics_the_report_tells_it(found: Diagnosis, tmp_pa
     assert not {"diagnosis.compensation_better", "diagnosis.learnt_from_columns"} & {one.code for one in found.remarks}
 
 
+def test_columns_hold_no_more_where_noise_alone_is_left(found: Diagnosis) -> None:
+    wandering = dataclasses.replace(found, after=found.before, decision=Decision("unknown", (), wander=True))
+    vars(wandering)["test"] = dataclasses.replace(wandering.test, noise_floor_rms=wandering.test.augmented_rms)
+    codes = {one.code for one in wandering.remarks}
+    assert "diagnosis.learnt_from_columns" in codes
+    assert "diagnosis.compensation_better" not in codes
+
+
 def test_it_can_be_left_out(found: Diagnosis) -> None:
     alone = dataclasses.replace(found, black_box=None)
     assert alone.to_mapping()["black_box"] is None

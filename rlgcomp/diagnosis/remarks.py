@@ -121,14 +121,16 @@ def _doubts(record: Record) -> Iterator[Message]:
 
 
 def _black_box(record: Record) -> Iterator[Message]:
-    """Where an LS-SVM of recorded columns learns more than is named."""
+    """Where an LS-SVM of recorded columns learns more than is named, which leaves more than noise."""
     box, learnt = record.black_box, record.learnt
     if box is None:
         return
     if record.latent and learnt is not None and learnt > _LEARNT:
         yield message("diagnosis.learnt_from_columns", causes=record.latent, share=learnt)
     for runs, one in (("test", record.test), ("confirm", record.confirm)):
-        if one is not None and one.over_compensation_ci95 is not None and one.over_compensation_ci95[1] < 0.0:
+        if one is None or one.over_compensation_ci95 is None or one.augmented_rms <= one.noise_floor_rms:
+            continue
+        if one.over_compensation_ci95[1] < 0.0:
             yield message(
                 "diagnosis.compensation_better",
                 runs=runs,
