@@ -38,6 +38,7 @@ Rooms, each importing only from those before it:
     mismatch    whether anything is missing, and where
     decide      what is stated: every threshold
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
+    switches    where a sum of a few relays switches, and its steps
     findings    members with their parameters and their functions as tables
     scores      runs before and after
     record      the data of a diagnosis; remarks, symbols, text, pictures and page read it

@@ -20,6 +20,7 @@ from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays,
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
+from rlgcomp.diagnosis.switches import Switch, switches_of
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.turning import TimesRate
@@ -101,6 +102,8 @@ class Cause:
         Of that name.
     runs : mapping of str to float
         Root mean square by run, where it acts in some of the training runs, or by another amplitude in each.
+    switches : tuple of Switch
+        Of a sum of relays, in the place of parameters.
     terms : callable
         What of it holds in other runs, as mechanisms.
     """
@@ -121,6 +124,7 @@ class Cause:
     rival_probabilities: tuple[float, ...] = ()
     mechanism: type[Mechanism] | None = None
     runs: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    switches: tuple[Switch, ...] = ()
     terms: Callable[[], Sequence[Mechanism]] = tuple
 
     @property
@@ -172,6 +176,7 @@ class Cause:
             "probability": self.probability,
             "parameters": {name: one.to_mapping() for name, one in self.parameters.items()},
             "undetermined": list(self.undetermined),
+            **({"switches": [one.to_mapping() for one in self.switches]} if self.switches else {}),
             "equation": self.equation,
             "function": {} if self.function is None else self.function.to_mapping(self.unit),
             "drivers": list(self.drivers),
@@ -225,6 +230,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         function=function_of(fit, k),
         rms=float(np.std(contribution)),
         runs=_by_run(fit, k),
+        switches=() if estimates else switches_of(fit, k, unit),
         terms=functools.partial(mechanisms_of, fit, k, catalogue),
         **common,
     )

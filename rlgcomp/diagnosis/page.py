@@ -247,7 +247,10 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
         "memory": MEMORIES[one.memory],
         "drivers": ", ".join(one.drivers),
         "parameters": pd.DataFrame(
-            [{"parameter": name, "value": estimate_text(e.value, e.sd, e.unit)} for name, e in one.parameters.items()]
+            [
+                *({"parameter": name, "value": estimate_text(e.value, e.sd, e.unit)} for name, e in one.parameters.items()),
+                *({"parameter": s.place, "value": estimate_text(s.step.value, s.step.sd, s.step.unit)} for s in one.switches),
+            ]
         ),
         "undetermined": ", ".join(one.undetermined),
         "picture": picture,

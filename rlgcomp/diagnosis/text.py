@@ -98,7 +98,9 @@ def member_rows(record: Record) -> list[list[str]]:
             probability_text(one.probability),
             f"{one.rms:.3g} {record.unit}",
             ", ".join(one.drivers) or ("time since the run's start" if one.memory == "none" and one.function else "no column"),
-            "; ".join(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items()) or one.equation,
+            "; ".join(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items())
+            or "; ".join(switch.text for switch in one.switches)
+            or one.equation,
             listing(list(one.indistinguishable_from), "or"),
         ]
         for one in record.members

@@ -1,0 +1,54 @@
+"""Hops of a ladder with their thresholds and steps, as printed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.recording import Metadata, Recording
+from rlgcomp.simulation.simulator import Simulator
+
+UP, DOWN, STEPS = np.array([5.0, 18.0, 33.0]), np.array([3.0, 15.5, 31.0]), np.array([0.05, -0.03, 0.08])
+
+
+def run(seed: int) -> Recording:
+    """A block that is swept over three hops, each with a step of its own, in white noise of 0.004 deg/h a window."""
+    rng = np.random.default_rng(seed)
+    time_s = 10.0 * np.arange(2400)
+    block = 20.0 + 24.0 * np.interp(time_s / 24000.0, [0.0, 0.2, 0.5, 0.8, 1.0], [-1.0, 0.4, -0.8 + 0.1 * seed, 1.0, -1.0])
+    on, bias = np.zeros(3, dtype=bool), []
+    for value in block:
+        on = np.where(value >= UP, True, np.where(value <= DOWN, False, on))
+        bias.append(STEPS @ on)
+    gyro = 0.001 * block + np.array(bias) + 0.012 * rng.standard_normal(len(block))
+    table = {"time_s": time_s, "gyro_deg_h": gyro, "temperature_block_degC": block + 0.001 * rng.standard_normal(len(block))}
+    return Recording(pd.DataFrame(table), Metadata(kind="chamber"), name=f"run{seed}")
+
+
+@pytest.fixture(scope="module")
+def found() -> Diagnosis:
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 1}}]})
+    return diagnose(simulator, [run(1), run(2)], only=["mode_hop"], black_box=False)
+
+
+def test_each_hop_has_its_thresholds_and_its_step(found: Diagnosis) -> None:
+    (hop,) = found.members
+    assert hop.name == "mode_hop"
+    assert not hop.parameters
+    assert [one.step.unit for one in hop.switches] == ["deg/h"] * 3
+    np.testing.assert_allclose([one.up for one in hop.switches], UP, atol=1.2)  # up to 0.8 K a window
+    np.testing.assert_allclose([one.down for one in hop.switches], DOWN, atol=1.2)
+    for one, step in zip(hop.switches, STEPS, strict=True):
+        assert abs(one.step.value - step) < 4.0 * one.step.sd + 0.002
+        assert 0.0 < one.step.sd < 0.01
+
+
+def test_they_are_printed(found: Diagnosis) -> None:
+    (hop,) = found.members
+    content = found.to_mapping()["findings"][0]["switches"]
+    assert [entry["up"]["unit"] for entry in content] == ["degC"] * 3
+    assert content[0]["step"]["value"] == hop.switches[0].step.value
+    assert all(one.text in str(found) for one in hop.switches)
