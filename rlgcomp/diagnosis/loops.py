@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.memories import SIDES, Plays, Preisach, Relays, Undecided
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.terms import Family, Form
 
-_DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3), (1.5, 0.15))  # radius and smoothness
+_DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3))  # radius and smoothness
 _HISTORIES: Final = 4  # columns a run of what was before it, beside a smooth density
 
 

@@ -109,7 +109,7 @@ def _readings(recording: Recording) -> list[Reading]:
     exact = np.zeros(len(recording))
     rate = [recording.column(RATE)] if RATE in recording else []
     readings = [Reading(one, exact, "rate") for one in rate]
-    if any(column in recording for column in ANGLES):
+    if not rate or any(column in recording for column in ANGLES):  # without either this says which columns are missing
         over = encoder_steps_deg(recording) / spans_s(recording)
         readings += [
             Reading(over, np.r_[math.inf, exact[1:]], "angle"),
