@@ -41,6 +41,7 @@ spent = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(json.dumps([wall_s, spent.ru_utime + spent.ru_stime, spent.ru_maxrss / 1024]))
 sys.exit(done.returncode)
 """
+_TOLD: Final = 500  # characters of what a command that failed says last
 _FOLDERS: Final[list[tempfile.TemporaryDirectory[str]]] = []
 PEAK_MIB: Final[collections.deque[float]] = collections.deque([0.0], maxlen=1)  # most memory resident in the last command
 
@@ -49,7 +50,10 @@ def timed_command(*arguments: object) -> Timed:
     """Time of a command of ours in a process of its own, that of the processes that it starts included; its result is None."""
     code = "from rlgcomp.cli import main; main()"
     command = [sys.executable, "-c", _TIMING, sys.executable, "-c", code, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, check=True)  # noqa: S603
+    done = subprocess.run(command, capture_output=True, check=False)  # noqa: S603
+    if done.returncode:
+        told = done.stderr.decode(errors="replace")[-_TOLD:]
+        raise RuntimeError(f"rlgcomp {' '.join(map(str, arguments))} ended with {done.returncode}: {told}")
     wall_s, cpu_s, peak_MiB = json.loads(done.stdout)
     PEAK_MIB.append(peak_MiB)
     return Timed(None, wall_s, cpu_s)
