@@ -26,6 +26,16 @@ def _departures_of_loops(driver: Driver, levels: int) -> tuple[Basis, ...]:
 
 
 def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Family]:
+    """Plays and relays of a driver: each run after a rest, after a history of its own, or after the run before.
+
+    Parameters
+    ----------
+    driver : Driver
+    runs : sequence of Run
+        In the order in which they were recorded.
+    levels : int
+        Of the Preisach plane.
+    """
     up, down = plane(priors.RELAY_LEVELS, 1.0)
     every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
     kin = _departures_of_loops(driver, levels)
@@ -66,6 +76,7 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Fami
 
 
 def hysteresis(setting: Setting) -> list[Family]:
+    """Of the temperature, as a sum of single relays as well."""
     driver = setting.temperature
     kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
     single = [(relay,) for relay in _single_relays(setting)]
@@ -82,6 +93,7 @@ def _single_relays(setting: Setting) -> tuple[Relays, ...]:
 
 
 def more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    """Forms with one relay more."""
     every = _single_relays(setting)
 
     def grow(form: Form) -> Iterator[Form]:
@@ -95,6 +107,7 @@ def more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
 
 
 def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
+    """A form that takes up the relays of another."""
     every = _single_relays(setting)
 
     def absorb(form: Form, other: Form) -> Form | None:
@@ -117,6 +130,7 @@ _FLIGHT: Final = 2.0 / priors.THRESHOLDS  # of a ladder: were its dead bands wid
 
 
 def hops(setting: Setting) -> list[Family]:
+    """Single hops and ladders."""
     driver = setting.temperature
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
     kin = (Smooth(setting.thermal, 0.5, 8),)
@@ -142,6 +156,7 @@ def _begins_within(setting: Setting, low: float, high: float) -> bool:
 
 
 def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
+    """Forms with one hop more."""
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
 
     def grow(form: Form) -> Iterator[Form]:
