@@ -211,6 +211,6 @@ def test_the_command_trains_on_it_and_warns_of_a_long_fit(
 def test_the_command_refuses_with_one_message(run_files: list[str], tmp_path: Path, options: list[str], message: str) -> None:
     done = CliRunner().invoke(app, ["train", *run_files, "--out", str(tmp_path / "model"), *options])
     assert done.exit_code == 2
-    assert done.output.count("error:") == 1
+    assert sum(line.startswith("error:") for line in done.output.splitlines()) == 1  # torch may say "error:" inside the reason
     assert message in " ".join(done.output.split())
     assert not (tmp_path / "model").exists()

@@ -36,9 +36,7 @@ def _case(factors: int) -> Callable[[bool], Case]:
 
         device = device_named("auto")
         n = _rows(device, quick)
-        rng = np.random.default_rng(0)
-        X = rng.normal(size=(n, INPUTS))
-        y = np.sin(X[:, 0]) + 0.1 * X[:, 1] + 0.1 * rng.normal(size=n)
+        X, y = training_rows(n)
         matrix: list[Any] = []
 
         def ours() -> Array:
@@ -74,6 +72,13 @@ def _case(factors: int) -> Callable[[bool], Case]:
         return Case(ours, [peer], size=f"n = {n}, d = {INPUTS}, {device}", n=n)
 
     return prepare
+
+
+def training_rows(n: int) -> tuple[Array, Array]:
+    """Inputs, shape (n, INPUTS), and a noisy output, shape (n,)."""
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(n, INPUTS))
+    return X, np.sin(X[:, 0]) + 0.1 * X[:, 1] + 0.1 * rng.normal(size=n)
 
 
 def _absent() -> None:

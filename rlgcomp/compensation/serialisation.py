@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+import rlgcomp
 from rlgcomp.compensation import artefact, foreign_models
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
 from rlgcomp.compensation.interval import Interval
@@ -75,7 +76,8 @@ def manifest_of(compensator: Fitted) -> dict[str, Any]:
     return {
         "created": made_at(),
         "provenance": provenance() | {"inputs": {run["run"]: run["sha256"] for run in compensator.provenance_ if "sha256" in run}},
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in ("rlgcomp", "numpy", "scikit-learn")},
+        "versions": {"python": platform.python_version(), "rlgcomp": rlgcomp.__version__}
+        | {name: _version(name) for name in ("numpy", "scikit-learn")},
         "model": {"name": type(compensator.model_).__name__ if specification is None else specification.name},
         "features": compensator.pipeline_.to_list(),
         "inputs": list(compensator.pipeline_.names),
