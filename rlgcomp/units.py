@@ -190,7 +190,8 @@ _SUFFIXES: Final[dict[str, str]] = {
 _PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
 _INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[-−⁻](?P<power>[123¹²³])")
 _SPOKEN: Final = re.compile(  # at the end of a column's name
-    r"_(?P<base>rad|mrad|urad|deg|arcsec|m|mm|um|km|N|Nm|kg|g|A|mA|V|mV|W|Pa|hPa|bar|T|uT|Hz|J|l|counts|pulses|K|degC|s|min|h)"
+    r"_(?P<base>rad|mrad|urad|deg|arcsec|m|mm|um|km|N|Nm|kg|g|A|mA|V|mV|W|Pa|hPa|bar|T|uT|Hz|J|l|counts|pulses|K|degC|s|min|h|"
+    r"percent|pct|ppm|rpm|dB|Ohm|kOhm)"
     r"(?:_(?P<per>s|min|h|m|K|V|Hz|degC))?(?P<power>[23])?"
     r"$"
 )
@@ -249,8 +250,8 @@ def display_unit(column: str) -> str:
 
     >>> display_unit("angular_acceleration_rad_s2"), display_unit("angle_rad"), display_unit("heater_state")
     ('rad/s^2', 'rad', '')
-    >>> display_unit("temperature_block_degC"), display_unit("force_N")
-    ('degC', 'N')
+    >>> display_unit("temperature_block_degC"), display_unit("force_N"), display_unit("humidity_percent")
+    ('degC', 'N', '%')
     """
     known = column_unit(column)
     if known is not None:
@@ -258,8 +259,8 @@ def display_unit(column: str) -> str:
     found = _SPOKEN.search(column)
     if found is None:
         return ""
-    power = f"^{found['power']}" if found["power"] else ""
-    return f"{found['base']}/{found['per']}{power}" if found["per"] else f"{found['base']}{power}"
+    power, base = f"^{found['power']}" if found["power"] else "", "%" if found["base"] in ("percent", "pct") else found["base"]
+    return f"{base}/{found['per']}{power}" if found["per"] else f"{base}{power}"
 
 
 def header_unit(header: str) -> tuple[str, str | None]:

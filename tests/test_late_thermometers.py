@@ -1,4 +1,4 @@
-"""Late thermometers: told with their lag, no physics; what no plausible lag gives is still named."""
+"""Late columns: told with their lag, no physics; what no plausible lag gives is still named."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_late_thermometer_is_no_physics() -> None:
     assert 0.0 < lag.sd < 6.0
     assert abs(lag.value - 35.0) < 4.0 * lag.sd
     told = {remark.code: remark.data for remark in found.remarks}["diagnosis.late_thermometer"]
-    assert told == {"column": "temperature_block_degC", "lag_s": lag.value, "sd_s": lag.sd}
+    assert told == {"column": "temperature_block_degC", "lag_s": lag.value, "sd_s": lag.sd, "instead": []}
     assert found.to_mapping()["baseline_with_findings"]["late thermometer"]["temperature_block_degC"]["value"] == lag.value
 
 
@@ -114,7 +114,7 @@ def prediction(parts_of_set: tuple[Any, ...] = ()) -> Prediction:
 
 def test_the_column_is_the_change_of_the_prediction_by_a_window() -> None:
     data, _, _ = parts()
-    (region,) = late_regions(data)
+    region = next(late_regions(data))
     (basis,) = late_bases(data, region, prediction())
     run = data.runs[0]
     earlier = run.with_column(basis.column, run.column(basis.column) + 0.5 * run.grid.bins * np.gradient(run.column(basis.column)))
@@ -124,7 +124,7 @@ def test_the_column_is_the_change_of_the_prediction_by_a_window() -> None:
 
 def test_members_may_be_late_as_well() -> None:
     data, _, _ = parts()
-    (region,) = late_regions(data)
+    region = next(late_regions(data))
     static = Power(Path(Driver.of(data, "temperature_block_degC")))
     one, other = late_bases(data, region, prediction(((static, np.array([1.0])),)))
     assert np.std(one.columns(data.runs[0])) > 3.0 * np.std(other.columns(data.runs[0]))
@@ -133,7 +133,7 @@ def test_members_may_be_late_as_well() -> None:
 def test_what_is_made_once_has_the_bits_of_what_is_made_anew() -> None:
     """Runs with an earlier thermometer and columns of the baseline are kept from prediction to prediction."""
     data, baseline, _ = parts()
-    (region,) = late_regions(data)
+    region = next(late_regions(data))
     static = Power(Path(Driver.of(data, "temperature_block_degC")))
     halved = Prediction(baseline, 0.5 * prediction().numbers, ())
     for one in (prediction(), halved, prediction(((static, np.array([1.0])),))):
@@ -152,7 +152,7 @@ def test_white_noise_is_estimated_whatever_is_missing() -> None:
 
 def test_sizes_are_those_of_plausible_lags() -> None:
     data, _, bank = parts()
-    (region,) = late_regions(data)
+    region = next(late_regions(data))
     (basis,) = late_bases(data, region, prediction())
     form = late_form(region, basis, 2.0)
     assert form is not None
@@ -168,7 +168,7 @@ def test_sizes_are_those_of_plausible_lags() -> None:
 
 def test_a_lag_is_positive() -> None:
     data, baseline, bank = parts()
-    (region,) = late_regions(data)
+    region = next(late_regions(data))
     (basis,) = late_bases(data, region, prediction())
     forwards = late_form(region, basis, 2.0)
     assert forwards is not None

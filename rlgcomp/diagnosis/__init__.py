@@ -20,7 +20,7 @@ Rooms, each importing only from those before it:
     selections  terms in some of the runs, amplitudes by run
     lateness    thermometers that are late
     clocks      the clock of a user's simulation
-    nuisances   steps of the bias, biases of runs, late thermometers, stated numbers that are wrong
+    nuisances   steps of the bias, biases of runs, late columns, stated numbers that are wrong
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
     identities  columns that are readings of the output, and so no cause

@@ -19,7 +19,8 @@ MISSED: Final = 1.0
 """Losses of naming a set where nothing is missing, and of naming nothing where it is: none is named while P(null) × the first
 exceeds the probability of the likeliest set × the second."""
 EXCHANGED: Final = 0.1
-"""Probability, over that of the likeliest set, of a set with one member exchanged, from which on the two cannot be told apart."""
+"""Probability, over that of the likeliest set, of a set with one member exchanged or left out, from which on the two cannot be
+told apart."""
 SURE: Final = 0.8
 """Probability from which on a member is named without its exchanges."""
 MORE_LEFT: Final = 1.005
@@ -41,12 +42,15 @@ class Named:
     probability : float
     indistinguishable_from : tuple of str
         Mechanisms or laws that may stand in its place.
+    perhaps_nothing : float
+        Probability of the set without it, where that is nearly as likely as the set; else zero.
     """
 
     region: str
     mechanism: str | None
     probability: float
     indistinguishable_from: tuple[str, ...]
+    perhaps_nothing: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +95,9 @@ def decided(posterior: Posterior) -> Decision:
         if _owned(region, [posterior.regions[other] for other in regions]) or _discrepancy(region, best, posterior.regions):
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
-        named.append(Named(key, region.mechanism, min(probability, 1.0), alike))
+        without = posterior.without(key) if probability < SURE and len(regions) > 1 else 0.0
+        nothing = without if without > EXCHANGED * own else 0.0
+        named.append(Named(key, region.mechanism, min(probability, 1.0), alike, min(nothing, 1.0)))
     if latent == "telegraph":
         named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
@@ -99,7 +105,8 @@ def decided(posterior: Posterior) -> Decision:
     if laws or wanders:
         drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
         return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders)
-    return Decision("ambiguous" if any(one.indistinguishable_from for one in named) else "explained", tuple(named))
+    open_ones = any(one.indistinguishable_from or one.perhaps_nothing for one in named)
+    return Decision("ambiguous" if open_ones else "explained", tuple(named))
 
 
 def _owned(law: Region, regions: Sequence[Region]) -> bool:

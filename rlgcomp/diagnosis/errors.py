@@ -124,7 +124,7 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
     variance : float
         Of the white noise of a window mean, in the unit of the output.
     """
-    found = list(_within(list(parts)))
+    found = list(within(list(parts)))
     columns = columns_of(found, data)
     rates = dict.fromkeys(one for one in found if isinstance(one, Path) and one.memory == "rate")
     blocks = []
@@ -140,7 +140,7 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
 
 def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
     """Recorded columns that vary among those that some parts read."""
-    found = (column for one in _within(list(parts)) for column in _columns(one, data.runs[0].binned))
+    found = (column for one in within(list(parts)) for column in _columns(one, data.runs[0].binned))
     return tuple(dict.fromkeys(column for column in found if column in data.columns))
 
 
@@ -257,15 +257,15 @@ def _covariances(run: Run, column: str) -> tuple[Array, Array] | None:
     return covariances
 
 
-def _within(one: object) -> Iterator[Any]:
+def within(one: object) -> Iterator[Any]:
     """An object and all that its fields hold."""
     yield one
     if isinstance(one, (list, tuple)):
         for part in one:
-            yield from _within(part)
+            yield from within(part)
     elif dataclasses.is_dataclass(one) and not isinstance(one, Mechanism):
         for field in dataclasses.fields(one):
-            yield from _within(getattr(one, field.name))
+            yield from within(getattr(one, field.name))
 
 
 def _columns(one: object, recording: Recording) -> tuple[str, ...]:

@@ -115,8 +115,10 @@ class Evidence:
         size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
         left = self.whitened.whiten((bank.data.output - terms)[:, None])[:, 0]
         numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
-        on_time = tuple((basis, w) for (basis, _), w in zip(parts, weights, strict=True) if not isinstance(basis, Late))
-        return Prediction(baseline, numbers, on_time), given
+        weighted = [(basis, w) for (basis, _), w in zip(parts, weights, strict=True)]
+        on_time = tuple((basis, w) for basis, w in weighted if not isinstance(basis, Late))
+        lags = {basis.column: float(w[0]) for basis, w in weighted if isinstance(basis, Late)}
+        return Prediction(baseline, numbers, on_time, lags), given
 
     def errors(self, members: Set, among: Collection[int] | None = None) -> Errors | None:
         """Errors that drivers bring into the baseline and a set, fitted under this noise; None where they are next to nothing.

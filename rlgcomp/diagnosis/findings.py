@@ -33,6 +33,8 @@ Array = npt.NDArray[np.float64]
 DEG_H: Final = "deg/h"
 _PLACES: Final = 41  # of a function's table
 _LOOP: Final = 120  # of a loop's
+_BEFORE: Final = 0.2  # of the fastest time constant, at which a response begins
+_SETTLED: Final = 7.0  # time constants after which nothing of a step is left
 
 
 def in_unit(text: str, unit: str) -> str:
@@ -98,6 +100,8 @@ class Cause:
         Of the output.
     indistinguishable_from : tuple of str
     rival_probabilities : tuple of float
+    perhaps_nothing : float
+        Probability of the set without it, where that is nearly as likely; else zero.
     mechanism : type of Mechanism, optional
         Of that name.
     runs : mapping of str to float
@@ -122,6 +126,7 @@ class Cause:
     unit: str = DEG_H
     indistinguishable_from: tuple[str, ...] = ()
     rival_probabilities: tuple[float, ...] = ()
+    perhaps_nothing: float = 0.0
     mechanism: type[Mechanism] | None = None
     runs: Mapping[str, float] = dataclasses.field(default_factory=dict)
     switches: tuple[Switch, ...] = ()
@@ -185,6 +190,7 @@ class Cause:
             **({"rms_by_run": {name: {"value": rms, "unit": self.unit} for name, rms in self.runs.items()}} if self.runs else {}),
             "indistinguishable_from": list(self.indistinguishable_from),
             "rival_probabilities": list(self.rival_probabilities),
+            "perhaps_nothing": self.perhaps_nothing,
         }
 
 
@@ -210,6 +216,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         "unit": unit,
         "indistinguishable_from": one.indistinguishable_from,
         "rival_probabilities": tuple(min(rivals.get(name, 0.0), 1.0) for name in one.indistinguishable_from),
+        "perhaps_nothing": one.perhaps_nothing,
         "mechanism": None if one.mechanism is None else catalogue.get(one.mechanism),
     }
     if one.region not in members:
@@ -261,7 +268,8 @@ def _coefficient(lead: Basis, unit: str) -> tuple[str, str]:
     if isinstance(lead, Sign):
         return "c", unit
     if isinstance(lead, Power) and lead.degree == 1 and lead.path.memory == "none":
-        return "k", f"{unit}/({display_unit(lead.path.driver.columns[0]) or 'unit'})"
+        of = display_unit(lead.path.driver.columns[0])
+        return "k", f"{unit}/{of if of.isalpha() or len(of) == 1 else f'({of})'}" if of else f"{unit} per unit of the column"
     return "", ""
 
 
@@ -366,18 +374,26 @@ def _of_time(fit: Fit, k: int) -> Function:
 
 
 def _response(fit: Fit, k: int, driver: Driver) -> Function:
-    """Response to a step of the driver of one unit: what is behind it dies away."""
+    """Response to a step of the driver of one unit: what is behind it dies away, and a delayed law comes to its value."""
     _, bases = fit.parts[k]
-    at = np.geomspace(0.5 * fit.data.runs[0].grid.window_s, fit.data.longest_s, _PLACES)
+    plain = {j: inner for j, (basis, _) in enumerate(bases) if getattr(inner := _plain(basis), "driver", None) == driver}
+    times = {j: _time_constants_s(basis) for j, basis in plain.items() if isinstance(basis, Lag | Conduction | Spectrum)}
+    fastest, slowest = min(min(one) for one in times.values()), max(max(one) for one in times.values())
+    first = min(0.5 * fit.data.runs[0].grid.window_s, _BEFORE * fastest)
+    at = np.geomspace(first, max(min(_SETTLED * slowest, fit.data.longest_s), _SETTLED * fastest), _PLACES)
     columns: dict[int, Array] = {}
-    for j, basis in enumerate(_plain(basis) for basis, _ in bases):
-        if isinstance(basis, Lag) and basis.driver == driver:
-            columns[j] = -np.exp(-at / basis.time_constant_s)[:, None] / driver.half
-        elif isinstance(basis, Conduction | Spectrum) and basis.driver == driver:
-            times, weights = basis.mixture()
-            columns[j] = -np.exp(-np.divide.outer(at, times)) @ weights / driver.half
+    for j, one in times.items():
+        basis, decays = plain[j], np.exp(-np.divide.outer(at, one))
+        if isinstance(basis, Lag):
+            columns[j] = (float(not basis.behind) - decays) / driver.half
+        elif isinstance(basis, Conduction | Spectrum):
+            columns[j] = -decays @ basis.mixture()[1] / driver.half
     unit = display_unit(driver.columns[0]) or "unit"
     return _made("response", f"time since a step of {driver.symbol} by 1 {unit}", "s", at, *_tabulated(fit, k, columns))
+
+
+def _time_constants_s(basis: Lag | Conduction | Spectrum) -> Array:
+    return np.array([basis.time_constant_s]) if isinstance(basis, Lag) else basis.mixture()[0]
 
 
 def _loop(fit: Fit, k: int, driver: Driver) -> Function:

@@ -17,9 +17,11 @@ from rlgcomp.diagnosis.bases import Basis, Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.clocks import CLOCK, Offset
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence import Evidence, Member
-from rlgcomp.diagnosis.lateness import LATE_THERMOMETER, Late
+from rlgcomp.diagnosis.lateness import LATE_MONITOR, LATE_THERMOMETER, Late
 from rlgcomp.diagnosis.selections import BY_RUN, parameter_by_run
 from rlgcomp.diagnosis.states import State
+from rlgcomp.numerics.readings import diffuses
+from rlgcomp.numerics.robust import LEAST_P_VALUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 
@@ -119,7 +121,7 @@ class Fit:
             return 1.0, 1.0
         freedom = self._evidence.whitened.freedom - known.windows
         ratio = (self.white**2 * (freedom + known.windows) - known.square) / (freedom * known.white**2)
-        return math.sqrt(ratio), float(f.sf(ratio, freedom, known.windows))
+        return math.sqrt(ratio), max(float(f.sf(ratio, freedom, known.windows)), LEAST_P_VALUE)
 
     @property
     def noise_rms(self) -> float:
@@ -177,7 +179,8 @@ class Fit:
             elif isinstance(lead, Late):
                 window_s = scale * self.data.runs[0].grid.window_s
                 lag_s, sd = self.solution.weights[at] * window_s, math.sqrt(self.solution.covariance[at, at]) * window_s
-                found.setdefault(LATE_THERMOMETER, {})[lead.column] = Estimate(float(lag_s), float(sd), "s")
+                kind = LATE_THERMOMETER if diffuses(lead.column) else LATE_MONITOR
+                found.setdefault(kind, {})[lead.column] = Estimate(float(lag_s), float(sd), "s")
         return found
 
     @property

@@ -1,14 +1,15 @@
-r"""Late thermometers: the gyro follows T, the simulator reads r, and :math:`T = r + \tau \, dr/dt` for a first-order sensor.
+r"""Late columns: the gyro follows u, the column reads r, and :math:`u = r + \tau \, dr/dt` for a first-order sensor.
 
-With s the prediction of a baseline and the set beside it, the simulator lacks s(r + τ dr/dt) - s(r): one column a thermometer,
-whose weight is its lag τ in windows. The lag is positive and has a prior of its own, so a term of this column has no free strength.
+With s the prediction of a baseline and the set beside it, the simulator lacks s(r + τ dr/dt) - s(r): one term a column, whose
+weight is the column's lag τ in windows. The lag is positive and has a prior of its own, so such a term has no free strength. A
+thermometer may be late by part of a window, for its rate of change is physics of its own; any other monitor by windows.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -20,13 +21,16 @@ from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.terms import Form, Region
-from rlgcomp.numerics.readings import noise_variance
+from rlgcomp.numerics.readings import diffuses, noise_variance
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
 LATE_THERMOMETER: Final = "late thermometer"
+LATE_MONITOR: Final = "late monitor"
 LATE: Final = "late "  # before the column, the key of a region
-_MOVE: Final = 0.5  # windows by which a column is earlier for the slope by τ
+_MOVE: Final = 0.5  # windows by which a column is earlier for the slope by τ, where no lag is known
+_LEAST_MOVE: Final = 0.1
+_QUICKEST_RATE: Final = 3  # bins of the shortest slope
 _LARGEST: Final = 4  # place of the longest lag among the sizes
 _UNSEEN: Final = 0.03  # strength of a term that nothing can be said of
 _LEAST: Final = 0.1  # of the difference of neighbouring windows that is white noise, at least
@@ -43,11 +47,14 @@ class Prediction:
         Of the baseline's columns.
     parts : tuple of (Basis, ndarray)
         Bases of the set with their weights.
+    lags : mapping of str to float
+        Of columns that the set has as late, in windows.
     """
 
     baseline: Baseline
     numbers: Array
     parts: tuple[tuple[Basis, Array], ...]
+    lags: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
     def values(self, run: Run) -> Array:
         """On the bins of a run, shape (bins,)."""
@@ -72,7 +79,7 @@ class Prediction:
 
 @dataclasses.dataclass(frozen=True)
 class Late(Basis):
-    """What a prediction changes by where a thermometer is earlier, for each window.
+    """What a prediction changes by where a column is earlier, for each window.
 
     Parameters
     ----------
@@ -80,25 +87,28 @@ class Late(Basis):
         Rate of change of the column.
     prediction : Prediction
         Of the baseline and the set, late terms left out.
+    move : float
+        Windows by which the column is earlier.
     """
 
     rate: Path
     prediction: Prediction
+    move: float = _MOVE
 
     @property
     def column(self) -> str:
-        """The thermometer."""
+        """The column that is late."""
         return self.rate.driver.columns[0]
 
     def columns(self, run: Run) -> Array:
-        return (self.prediction.values(self._earlier(run)) - self.prediction.values(run))[:, None] / _MOVE
+        return (self.prediction.values(self._earlier(run)) - self.prediction.values(run))[:, None] / self.move
 
     def _earlier(self, run: Run) -> Run:
-        """The run with an earlier thermometer; made once, for it keeps columns of bases."""
-        key = ("earlier", self.column, self.rate)
+        """The run with an earlier column; made once, for it keeps columns of bases."""
+        key = ("earlier", self.column, self.rate, self.move)
         if key not in run.derived:
             window_min = run.grid.window_s / SECONDS_PER_MINUTE
-            change = _MOVE * window_min * self.rate.half * self.rate.driver.half * self.rate.values(run)
+            change = self.move * window_min * self.rate.half * self.rate.driver.half * self.rate.values(run)
             earlier = run.with_column(self.column, run.column(self.column) + change)
             run.derived[key] = dataclasses.replace(earlier, kept={})
         found: Run = run.derived[key]
@@ -106,17 +116,26 @@ class Late(Basis):
 
 
 def late_regions(data: Data) -> Iterator[Region]:
-    """A region for each thermometer; their forms follow from a set (:func:`late_form`)."""
-    for column in data.columns:
-        if column.startswith("temperature_"):
-            yield Region(LATE + column, None, math.log(priors.LATE_ODDS), (), (column,), "dynamic", nuisance=True)
+    """A region for each column; their forms follow from a set (:func:`late_form`)."""
+    for column in (one for one in data.columns if diffuses(one)):
+        odds = priors.LATE_ODDS if diffuses(column) else priors.LATE_MONITOR_ODDS
+        yield Region(LATE + column, None, math.log(odds), (), (column,), "dynamic", nuisance=True)
 
 
 def late_bases(data: Data, region: Region, prediction: Prediction) -> list[Late]:
-    """Columns of a region beside a set: all late, or the baseline alone, for shapes of the set may have met its lag already."""
-    rate = Path.rate(data, Driver.of(data, *region.drivers))
+    """Columns of a region beside a set: all late, or the baseline alone, for shapes of the set may have met its lag already.
+
+    A monitor that is no thermometer is rough, so the shortest slope is tried as well, and the lag that the set has is where the
+    prediction's change is taken.
+    """
+    driver = Driver.of(data, *region.drivers)
+    rates, move = [Path.rate(data, driver)], _MOVE
+    if not diffuses(driver.columns[0]):
+        rates = list(dict.fromkeys([*rates, Path.rate_over(data, driver, _QUICKEST_RATE)]))
+        move = min(max(prediction.lags.get(driver.columns[0], _MOVE), _LEAST_MOVE), priors.LATE_MONITOR[1])
     alone = dataclasses.replace(prediction, parts=())
-    return [Late(rate, one) for one in ((prediction, alone) if prediction.parts else (prediction,))]
+    of = (prediction, alone) if prediction.parts else (prediction,)
+    return [Late(rate, one, move) for one in of for rate in rates]
 
 
 def late_form(region: Region, basis: Late, strength: float) -> Form | None:
@@ -129,7 +148,7 @@ def late_form(region: Region, basis: Late, strength: float) -> Form | None:
     strength : float
         Of a lag of a window.
     """
-    low, high = priors.LATE
+    low, high = priors.LATE if diffuses(region.drivers[0]) else priors.LATE_MONITOR
     if strength * high < _UNSEEN:
         return None
     lags = high * priors.SIZES / priors.SIZES[_LARGEST]

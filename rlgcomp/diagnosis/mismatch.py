@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Panel, Products, Screen
 from rlgcomp.diagnosis.terms import Region
+from rlgcomp.numerics.robust import LEAST_P_VALUE
 
 Array = npt.NDArray[np.float64]
 Regime = Literal["rising", "falling", "steady"]
@@ -140,7 +141,7 @@ def tail_probability(value: float, drawn: Array) -> float:
     if value <= start:
         return float((1 + np.sum(drawn >= value)) / (1 + len(drawn)))
     beyond = drawn[drawn > start] - start
-    return float(_TAIL * np.exp(-(value - start) / max(float(beyond.mean()), 1e-12)))
+    return max(float(_TAIL * np.exp(-(value - start) / max(float(beyond.mean()), 1e-12))), LEAST_P_VALUE)
 
 
 # --- where? ----------------------------------------------------------------------------------------------------------------------

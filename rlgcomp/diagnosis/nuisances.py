@@ -1,4 +1,4 @@
-"""What may act beside effects and is no missing physics: steps of the bias, biases of runs, late thermometers, wrong numbers."""
+"""What may act beside effects and is no missing physics: steps of the bias, biases of runs, late columns, wrong numbers."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.text import cause_words
 from rlgcomp.files import write_text
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import is_gyro
-from rlgcomp.report.messages.diagnosis import MEMORIES
+from rlgcomp.report.messages.diagnosis import MEMORIES, region_words
 from rlgcomp.report.messages.wording import (
     estimate_text,
     interval_text,
@@ -118,12 +118,8 @@ def _page(record: Record, truth: Mapping[str, Mechanism] | None, folder: Path | 
         findings=[_finding(one, picture) for one, picture in zip(record.members, functions, strict=True)],
         null=probability_text(record.healthy),
         p_value=p_text(record.p_value),
-        places=_frame(("place", "share"), text.place_rows(record)),
-        alike=[
-            cause_words(f"{one.name}: {listing(list(one.indistinguishable_from), 'or')}")
-            for one in record.members
-            if one.indistinguishable_from
-        ],
+        places=[_frame(text.PLACE_COLUMNS, rows) for rows in text.place_rows(record)],
+        alike=[cause_words(f"{one.name}: {listing(text.instead(one), 'or')}") for one in record.members if text.instead(one)],
         scores=_frame(text.SCORE_COLUMNS, text.score_rows(record)),
         baseline=_baseline(record),
         noise=_noise(record),
@@ -139,7 +135,7 @@ def _title(record: Record) -> str:
     if record.verdict == "none":
         return "Nothing is missing that the training runs show"
     names = [cause_words(one.name) for one in record.causes]
-    names += [f"a law of {listing(list(one.drivers)) or 'no recorded column'}" for one in record.laws]
+    names += [region_words(one.name) for one in record.laws]
     names += ["a slow error of no recorded column"] if record.decision.wander else []
     if not names:
         return f"{simulator} leaves more noise than is stated"
@@ -154,8 +150,8 @@ def _answers(record: Record) -> pd.DataFrame:
             cause_words(one.name) if one.named else f"a law ({MEMORIES[one.memory]})",
             probability_text(one.probability),
             f"{one.rms:.3g}",
-            ", ".join(one.drivers) or "no column",
-            cause_words(listing(list(one.indistinguishable_from), "or")),
+            text.followed(one),
+            cause_words(listing(text.instead(one), "or")),
         ]
         for one in record.members
     ]
@@ -240,7 +236,7 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
     at = "at" if table is None else f"{table.of} ({table.of_unit or '1'})"
     header = (at, f"value ({one.unit})", "± (1 s.d.)")
     return {
-        "name": cause_words(one.name) if one.named else f"A law of {listing(list(one.drivers))}",
+        "name": cause_words(one.name) if one.named else _capital(region_words(one.name)),
         "probability": probability_text(one.probability),
         "equation": one.equation,
         "symbols": symbols(one.equation, one.drivers),
@@ -256,6 +252,10 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
         "picture": picture,
         "table": _frame(header, rows),
     }
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
 
 
 def _baseline(record: Record) -> pd.DataFrame:

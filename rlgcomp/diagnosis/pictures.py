@@ -229,7 +229,8 @@ def _quantity(record: Record, unit: str) -> str:
 
 
 def _name(cause: Cause) -> str:
-    return cause_words(cause.name) if cause.named else "A law without a name"
+    words = cause_words(cause.name)
+    return words if cause.named else words[:1].upper() + words[1:]
 
 
 def _member(record: Record, k: int) -> int | None:
@@ -418,7 +419,7 @@ def function(record: Record, k: int, truth: Truth | None = None) -> Picture:
         axes = figure.subplots()
         draw_function(axes, record, k, truth)
         legend(axes)
-        name = cause_words(cause.name) if cause.named else f"A law of {', '.join(cause.drivers)}"
+        name = cause_words(cause.name)
         table = cause.function
         over = "time" if table is None else table.of
         lines = "; dashed: what was concealed" if (truth or {}).get(cause.name) is not None else ""

@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.screen import Layout
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.states import Key, State
 from rlgcomp.diagnosis.terms import Region
+from rlgcomp.numerics.robust import LEAST_P_VALUE
 
 _PROVED: Final = 3  # sets that are tried with a two-state process beside them
 
@@ -109,7 +110,7 @@ class Posterior:
         probability of at most 1 / b.
         """
         by_evidence = self.null / max(1.0 - self.null, 1e-300)
-        return min(self.in_noise, by_evidence, 1.0)
+        return max(min(self.in_noise, by_evidence, 1.0), LEAST_P_VALUE)
 
     def of_region(self, key: str) -> float:
         """Probability that a region is missing."""
@@ -129,6 +130,11 @@ class Posterior:
                 (other,) = more
                 found[other] = found.get(other, 0.0) + p
         return found
+
+    def without(self, key: str) -> float:
+        """Probability of the likeliest set less one of its regions, whatever unrecorded there is beside it."""
+        others = self.effects(self.best.key) - {key}
+        return sum(p for (candidate, _), p in self.of_effects.items() if candidate == others)
 
 
 def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[float, float]:

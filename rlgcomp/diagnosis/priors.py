@@ -29,6 +29,8 @@ AMPLITUDE_BY_RUN: Final = 0.05
 """Odds that its amplitude differs from run to run, half of them by as much as it is, half by a little (:data:`DISCREPANCY`)."""
 LATE_ODDS: Final = 1.0
 """Odds that a thermometer is late by more than a hundredth of a window: any may be."""
+LATE_MONITOR_ODDS: Final = 0.3
+"""Odds that another column is: most voltages, currents and fields are read at once, humidity, gases and slow loggers are not."""
 CLOCK_ODDS: Final = 0.1
 """Odds that the clock of simulated runs is off where no monitor tells it: files begin at power-on or at a pulse."""
 CLOCK_OFFSET: Final = 0.1
@@ -47,6 +49,9 @@ Sensors in or on a block answer within one second to half a minute, films and th
 the slower (IEC 60751 asks for the time to 50 and 90 per cent of a step); a window is a four hundredth of a run, so half a minute
 to a few minutes of runs of hours. A sensor that needed more than a window would follow no ramp of the programme that it is to
 record, and whoever mounts it would see that."""
+LATE_MONITOR: Final = (0.03, 3.0)
+"""The same of another column: a capacitive humidity sensor answers within 8 to 60 s, an electrochemical cell or a barometer at the
+end of a hose within minutes, and no mechanism has the rate of change of such a column for its own."""
 DISCREPANCY: Final = 0.12
 """Departure of a law from its equation over its own size: equations of the literature, fitted to other laws of the same cause,
 leave 5 to 20 per cent."""

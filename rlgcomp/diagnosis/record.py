@@ -7,6 +7,8 @@ import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from rlgcomp.diagnosis.black_box import REFERENCE, BlackBox
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.decide import Decision
@@ -16,7 +18,7 @@ from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.mismatch import parts
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.scores import Score, score
-from rlgcomp.diagnosis.simulator_file import SimulatorFile, noise_of, simulator_of
+from rlgcomp.diagnosis.simulator_file import SimulatorFile, noise_of, residual_of, simulator_of
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
@@ -304,6 +306,14 @@ class Record:
     def augmented(self) -> Simulator:
         """The simulator with the findings."""
         return self.augmented_file.simulator
+
+    @functools.cached_property
+    def file_rms(self) -> float | None:
+        """What augmented.yaml by itself leaves of the test runs; None without them, or where each run has numbers of its own."""
+        if not self.test_runs or self.after.baseline.by_run:
+            return None
+        left = np.concatenate([residual_of(self.augmented, self.after, run) for run in self.test_runs])
+        return float(np.sqrt(np.mean(left**2)))
 
     @property
     def noise(self) -> NoiseModel:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 
 from rlgcomp.diagnosis.clocks import CLOCK
-from rlgcomp.diagnosis.lateness import LATE_THERMOMETER
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.errors import within
+from rlgcomp.diagnosis.lateness import LATE_MONITOR, LATE_THERMOMETER
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import Score
@@ -17,18 +21,20 @@ from rlgcomp.diagnosis.selections import BY_RUN
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.report.messages import Message, message
 from rlgcomp.report.messages.consequence import by_consequence
-from rlgcomp.units import column_unit
+from rlgcomp.units import display_unit
 
 _POSSIBLE: Final = 0.05  # probability that nothing is missing from which that is told beside a finding
 _AS_LIKELY: Final = 0.5  # probability that nothing is missing, below which something probably is
 _UNCERTAIN: Final = 0.8  # of the set, below which the next one is told
-_BEYOND: Final = 0.2  # of a driver's range
+_BEYOND: Final = 0.05  # of a driver's range, by which a test run goes beyond it,
+_LASTING: Final = 0.01  # of its windows at least
+_OTHER_FILE: Final = 0.1  # of the error of the test runs, by which augmented.yaml may leave another
 _CANCEL: Final = -0.97  # correlation of two terms,
 _LARGE: Final = 4.0  # each so many times as large as their sum
 _FILE_ERROR: Final = 0.2  # of the noise of a window mean
 _OTHER_NOISE: Final = 1.5
 _LEARNT: Final = 0.5  # of the mismatch, that recorded columns together tell where a cause follows none
-_CLEAR_LAG: Final = 2.0  # standard deviations of a lag, from which on it is told
+_CLEAR_LAG: Final = 3.0  # standard deviations of a lag, from which on it is told
 
 
 def headline(record: Record) -> Message:
@@ -43,7 +49,9 @@ def headline(record: Record) -> Message:
         ratio, p_value = record.after.excess
         return message("diagnosis.louder", simulator=simulator, ratio=ratio, p_value=p_value)
     if record.laws:
-        laws = [{"drivers": one.drivers, "memory": one.memory, "probability": one.probability} for one in record.laws]
+        laws = [
+            {"law": one.name, "drivers": one.drivers, "memory": one.memory, "probability": one.probability} for one in record.laws
+        ]
         return message("diagnosis.law", simulator=simulator, causes=causes, laws=laws)
     if record.decision.wander:
         return message("diagnosis.wander", simulator=simulator, causes=causes, probability=record.posterior.of_latent("wander"))
@@ -51,7 +59,12 @@ def headline(record: Record) -> Message:
 
 
 def _cause(one: Any) -> dict[str, Any]:
-    return {"mechanism": one.name, "probability": one.probability, "instead": one.indistinguishable_from}
+    return {
+        "mechanism": one.name,
+        "probability": one.probability,
+        "instead": one.indistinguishable_from,
+        "perhaps_nothing": one.perhaps_nothing,
+    }
 
 
 def gain(record: Record) -> Message | None:
@@ -110,6 +123,15 @@ def _doubts(record: Record) -> Iterator[Message]:
                 others=cause.indistinguishable_from,
                 probabilities=cause.rival_probabilities,
             )
+        if cause.perhaps_nothing:
+            yield message(
+                "diagnosis.perhaps_nothing",
+                mechanism=cause.name,
+                probability=cause.perhaps_nothing,
+                rms=cause.rms,
+                floor=record.after.noise_rms,
+                unit=record.unit,
+            )
     if record.probability < _UNCERTAIN and record.alternatives:
         other = record.alternatives[0]
         yield message(
@@ -144,7 +166,7 @@ def _black_box(record: Record) -> Iterator[Message]:
 
 
 def _baseline(record: Record) -> Iterator[Message]:
-    """Steps, biases of runs, late thermometers, stated numbers that do not fit."""
+    """Steps, biases of runs, late columns, stated numbers that do not fit."""
     for step in record.steps:
         size: Mapping[str, Any] = step["size"]
         yield message(
@@ -171,9 +193,7 @@ def _baseline(record: Record) -> Iterator[Message]:
                 sds={run: one.sd for run, one in of_runs.items()},
                 unit=next(iter(of_runs.values())).unit,
             )
-    for column, lag in found.get(LATE_THERMOMETER, {}).items():
-        if lag.value > _CLEAR_LAG * lag.sd:
-            yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd)
+    yield from _lateness(record)
     simulator = record.after.baseline.simulator
     for mechanism in simulator.mechanisms:
         stated_names = {p.name for p in mechanism.parameters()} - simulator.free.get(mechanism.name, frozenset())
@@ -189,6 +209,20 @@ def _baseline(record: Record) -> Iterator[Message]:
                     sd=one.sd,
                     unit=one.unit,
                 )
+
+
+def _lateness(record: Record) -> Iterator[Message]:
+    """Columns that are late, thermometers with the findings whose fast parts would look alike."""
+    found = record.recalibration
+    for key, code in ((LATE_THERMOMETER, "diagnosis.late_thermometer"), (LATE_MONITOR, "diagnosis.late_monitor")):
+        for column, lag in found.get(key, {}).items():
+            if lag.value <= _CLEAR_LAG * lag.sd:
+                continue
+            if code == "diagnosis.late_monitor":
+                yield message("diagnosis.late_monitor", column=column, lag_s=lag.value, sd_s=lag.sd)
+                continue
+            alike = [one.name for one in record.causes if one.memory == "dynamic" and column in one.drivers]
+            yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd, instead=alike)
 
 
 def _selections(record: Record) -> Iterator[Message]:
@@ -234,23 +268,45 @@ def _means(record: Record, mechanism: Mechanism) -> Any:
 
 
 def _extrapolations(record: Record) -> Iterator[Message]:
-    """Test runs that go beyond the training runs in a driver of a finding."""
-    columns = dict.fromkeys(column for cause in record.members for column in cause.drivers)
-    for run, column in itertools.product(record.test_runs, columns):
-        if column not in run.binned:
-            continue
-        trained = [one.binned.column(column) for one in record.after.data.runs]
-        low, high = min(float(v.min()) for v in trained), max(float(v.max()) for v in trained)
-        values = run.binned.column(column)
-        if max(low - values.min(), values.max() - high) > _BEYOND * (high - low):
+    """Test runs that go beyond the training runs in what a finding follows: a column, a difference, a rate of change."""
+    trained = record.after.data.runs
+    for run, (name, (unit, values)) in itertools.product(record.test_runs, _followed(record).items()):
+        learnt = np.concatenate([one.window_means(values(one)) for one in trained])
+        recorded, low, high = run.window_means(values(run)), float(learnt.min()), float(learnt.max())
+        least = _BEYOND * (high - low)
+        share = float(np.mean((recorded < low - least) | (recorded > high + least)))
+        if share >= _LASTING:
             yield message(
                 "diagnosis.extrapolated",
                 run=run.name,
-                column=column,
-                recorded=[values.min(), values.max()],
+                column=name,
+                recorded=[recorded.min(), recorded.max()],
                 learnt=[low, high],
-                unit=column_unit(column) or "",
+                unit=unit,
+                share=np.mean((recorded < low) | (recorded > high)),
             )
+
+
+def _followed(record: Record) -> dict[str, tuple[str, Callable[[Run], Any]]]:
+    """Names of what the leading bases of the findings follow, with units and values on the bins of a run."""
+    named = {one.region for one in record.decision.named}
+    leading = [basis for member in record.after.state.members if member.form.region in named for basis in member.form.lead]
+    found: dict[str, tuple[str, Callable[[Run], Any]]] = {}
+    for one in within(leading):
+        if isinstance(one, Driver):
+            unit = "" if one.combination == "contrast" else display_unit(one.columns[0])
+            found[one.symbol] = unit, one.raw
+        elif isinstance(one, Path) and one.memory == "rate":
+            unit = f"{display_unit(one.driver.columns[0]) or '1'}/min"
+            found[f"the rate of {one.driver.symbol}"] = unit, functools.partial(_raw_rate, one)
+        elif isinstance(one, Mechanism):
+            columns = one.driver_columns(record.after.data.runs[0].binned)
+            found |= {column: (display_unit(column), functools.partial(Run.column, name=column)) for column in columns}
+    return found
+
+
+def _raw_rate(path: Path, run: Run) -> Any:
+    return path.driver.half * path.half * path.values(run)
 
 
 def _file(record: Record) -> Iterator[Message]:
@@ -258,7 +314,17 @@ def _file(record: Record) -> Iterator[Message]:
         yield message("diagnosis.beside_own_simulator", simulator=record.request.simulator)
     if record.verdict == "none":
         return
-    file = record.augmented_file
+    file, alone, test = record.augmented_file, record.file_rms, record.test
+    if test is not None and alone is not None and abs(alone - test.augmented_rms) > _OTHER_FILE * test.augmented_rms:
+        yield message(
+            "diagnosis.file_gain",
+            before=test.baseline_rms,
+            after=test.augmented_rms,
+            file=alone,
+            floor=test.noise_floor_rms,
+            unit=test.unit,
+            improvement=1.0 - alone / test.baseline_rms,
+        )
     if file.left_out:
         yield message("diagnosis.not_in_file", parts=file.left_out)
     if file.error > _FILE_ERROR:

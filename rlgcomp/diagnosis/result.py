@@ -99,7 +99,7 @@ class Diagnosis(Record, ShownAsTable):
             "fit": {
                 "train": dataclasses.asdict(self.train),
                 "confirm": None if self.confirm is None else dataclasses.asdict(self.confirm),
-                "test": None if self.test is None else dataclasses.asdict(self.test),
+                "test": None if self.test is None else dataclasses.asdict(self.test) | {"file_rms": self.file_rms},
             },
             "black_box": None if self.black_box is None else self.black_box.to_mapping(self.unit),
             "next_experiment": None if next_up is None else dataclasses.asdict(next_up),

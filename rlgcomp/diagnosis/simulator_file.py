@@ -17,7 +17,9 @@ from rlgcomp.diagnosis.baseline import CONSTANT, amplitude_of_run
 from rlgcomp.diagnosis.bases import Basis, Glitch, Own, Product, Shift
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.errors import columns_of
 from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.lateness import Late
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
@@ -93,6 +95,20 @@ def simulator_of(fit: Fit, catalogue: Mapping[str, type[Mechanism]]) -> Simulato
     error = float(np.sqrt(np.mean((np.concatenate(own) - fitted) ** 2))) / max(fit.white, 1e-300)
     noise = noise_of(fit)
     return SimulatorFile(dataclasses.replace(simulator, noise=noise), tuple(left_out), error)
+
+
+def residual_of(simulator: Simulator, fit: Fit, run: Run) -> Array:
+    """What a run's window means hold beyond the prediction of a simulator file.
+
+    Parameters
+    ----------
+    simulator : Simulator
+        Made of the fit.
+    fit : Fit
+    run : Run
+    """
+    predicted = run.on_bins_of_rows(simulator.expected_deg_h(run.recording)) - run.on_bins(fit.baseline.stated(run.binned))
+    return np.asarray(run.output[: len(run.windows)] - run.window_means(predicted))
 
 
 def mechanisms_of(fit: Fit, k: int, catalogue: Mapping[str, type[Mechanism]]) -> tuple[Mechanism, ...]:
@@ -296,7 +312,32 @@ class _Written:
                 return [made(knots=tuple(at.tolist()), weights=tuple((w * values).tolist()))], True
             case Since() | SmoothSince():
                 return [self._table_of_time(basis, weights, law)], True
+            case Late():
+                return self._of_late(basis, float(weights[0]), cause)
         return [], False
+
+    def _of_late(self, late: Late, lag: float, cause: str) -> tuple[list[TabulatedLaw], bool]:
+        """What a late column brings, as derivatives by time of functions of it; False beside none where it has other parts.
+
+        Parameters
+        ----------
+        late : Late
+        lag : float
+            In windows.
+        cause : str
+        """
+        baseline, parts, data = late.prediction.baseline, late.prediction.parts, self.fit.data
+        functions: dict[Path, list[tuple[Basis, Array]]] = {}
+        for basis, weights in parts:
+            path = getattr(basis, "path", None)
+            if isinstance(path, Path) and path.memory == "none" and path.driver.columns == (late.column,):
+                functions.setdefault(path, []).append((basis, weights * lag * self.grid.bins))
+            elif late.column in columns_of([basis], data):
+                return [], False
+        if late.column in columns_of([baseline.simulator.mechanisms, baseline.own], data):
+            return [], False
+        tables = [self._table(path, of_path, cause) for path, of_path in functions.items()]
+        return [dataclasses.replace(table, change="derivative") for table in tables], True
 
     def _table(self, path: Path, parts: list[tuple[Basis, Array]], cause: str) -> TabulatedLaw:
         """Functions of one path together as one table."""

@@ -26,7 +26,7 @@ Latent = Literal["", "wander", "telegraph"]
 Key = tuple[frozenset[str], Latent]
 _NEAR: Final = 25.0  # nats behind the best beside the null or the best set, beyond which a law is not tried beside others
 MOST: Final = 6  # members of a set
-_ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late thermometers find each other
+_ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late columns find each other
 ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
@@ -168,7 +168,7 @@ class States(Members):
     # --- one state -------------------------------------------------------------------------------------------------------------
 
     def refined(self, state: State) -> State:
-        """A state at its best, its thermometers late where that is likelier."""
+        """A state at its best, its columns late where that is likelier."""
         best = self._with_errors(state)
         for _ in range(_ROUNDS_OF_LATENESS):
             late = self._late(best)
@@ -182,7 +182,7 @@ class States(Members):
         return best
 
     def _late(self, state: State) -> State | None:
-        """The set of a state with its thermometers late as that set has them; None where it is likelier that none is."""
+        """The set of a state with its columns late as that set has them; None where it is likelier that none is."""
         top = max((other.log_posterior for other in self.visited.values()), default=-math.inf)
         evidence = self.evidence(state.noise)
         fitted = None if state.log_posterior < top - WITHIN_REACH else evidence.prediction(state.members)
@@ -200,7 +200,7 @@ class States(Members):
         return None if best.members == state.members else best
 
     def _late_forms(self, prediction: Prediction) -> list[Form]:
-        """Of the thermometers that a prediction reads, those that may be seen to be late."""
+        """Of the columns that a prediction reads, those that may be seen to be late."""
         found = []
         for region in self.regions.values():
             if region.key.startswith(LATE) and region.drivers[0] in columns_of(prediction.made_of, self.bank.data):

@@ -10,6 +10,7 @@ from rlgcomp.report.messages.wording import listing
 
 _MEANINGS: Final = (
     ("b", r"^b = ", "contribution to the output"),
+    ("k", r"\bk\b(?!\()", "amplitude: output per unit of what it multiplies"),
     ("u", r"\bu\b", "{drivers}"),
     ("T", r"\bT\b(?!_)", "{temperature}"),
     ("D", r"\bD\b", "{drivers}"),

@@ -6,10 +6,11 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
+from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.record import Place, Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.scores import RunScore, Score
-from rlgcomp.report.messages.diagnosis import MEMORIES
+from rlgcomp.report.messages.diagnosis import MEMORIES, region_words
 from rlgcomp.report.messages.wording import (
     estimate_text,
     interval_text,
@@ -30,15 +31,8 @@ GROUPS: Final = {
 }
 SCORE_COLUMNS: Final = ("runs", "before", "after", "LS-SVM", "noise", "improvement", "95 % interval")
 MEMBER_COLUMNS: Final = ("what", "probability", "rms", "follows", "parameters", "perhaps instead")
+PLACE_COLUMNS: Final = ("place", "share")
 _SHOWN: Final = 6
-_REGIONS: Final = {
-    "law": "a law of {0}",
-    "lag": "a lag of {0}",
-    "loop": "a hysteresis of {0}",
-    "rate": "a law of the rate of {0}",
-    "product": "a product of {0} and {1}",
-}
-_REGION: Final = re.compile(rf"\b({'|'.join(_REGIONS)}):([\w:]+)")
 
 
 def as_text(record: Record) -> str:
@@ -57,7 +51,10 @@ def as_text(record: Record) -> str:
         )
     if record.where:
         title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"
-        parts.append(_table(title, ("place", "share"), place_rows(record)[:_SHOWN]))
+        by_run, by_regime = place_rows(record)
+        parts.append(_table(f"{title}: by run", PLACE_COLUMNS, by_run[:_SHOWN]))
+        if by_regime:
+            parts.append(_table("The same mismatch divided again, by what the driver does", PLACE_COLUMNS, by_regime[:_SHOWN]))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {typeset(record.unit)}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
     messages = remarks(record)
@@ -78,6 +75,8 @@ def score_rows(record: Record) -> list[list[str]]:
     for name, whole in reversed(scores_of(record).items()):
         rows.append(_score_row(GROUPS[name], whole))
         rows += [_score_row(f"  {one.run}", one) for one in whole.per_run if len(whole.per_run) > 1]
+    if record.verdict == "none" and not record.after.state.members:  # before and after are the same
+        return [[name, before, "", learnt, noise, "", ""] for name, before, _, learnt, noise, *_ in rows]
     return rows
 
 
@@ -97,14 +96,24 @@ def member_rows(record: Record) -> list[list[str]]:
             one.name if one.named else f"a law ({MEMORIES[one.memory]})",
             probability_text(one.probability),
             f"{one.rms:.3g} {record.unit}",
-            ", ".join(one.drivers) or ("time since the run's start" if one.memory == "none" and one.function else "no column"),
+            followed(one),
             "; ".join(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items())
             or "; ".join(switch.text for switch in one.switches)
             or one.equation,
-            listing(list(one.indistinguishable_from), "or"),
+            region_words(listing(instead(one), "or")),
         ]
         for one in record.members
     ]
+
+
+def followed(one: Cause) -> str:
+    """What a finding follows."""
+    return ", ".join(one.drivers) or ("time since the run's start" if one.memory == "none" and one.function else "no column")
+
+
+def instead(one: Cause) -> list[str]:
+    """What may stand in the place of a finding, nothing among it."""
+    return [*one.indistinguishable_from, *(["nothing"] if one.perhaps_nothing else [])]
 
 
 def cause_words(text: str) -> str:
@@ -114,16 +123,6 @@ def cause_words(text: str) -> str:
     'thermal hysteresis + late temperature_block_degC'
     """
     return re.sub(r"\w+", lambda found: found[0] if display_unit(found[0]) else found[0].replace("_", " "), region_words(text))
-
-
-def region_words(text: str) -> str:
-    """Laws without a name in a text as words.
-
-    >>> region_words("law:angle_rad + wander")
-    'a law of angle_rad + a slow error of no recorded column'
-    """
-    text = _REGION.sub(lambda found: _REGIONS[found[1]].format(*found[2].split(":")), text)
-    return re.sub(r"(?<![\w ])(wander|unrecorded)\b|(?<=\+ )(wander|unrecorded)\b", "a slow error of no recorded column", text)
 
 
 def alternative_rows(record: Record) -> list[list[str]]:
@@ -137,7 +136,7 @@ def alternative_rows(record: Record) -> list[list[str]]:
 def place_text(place: Place) -> str:
     """A place of the mismatch."""
     parts = [f"{place.run} {place.channel}"]
-    if place.start_s is not None and place.end_s is not None:
+    if place.start_s is not None and place.end_s is not None and not place.regime:
         parts.append(span_text(place.start_s, place.end_s))
     if place.regime:
         parts.append(place.regime)
@@ -148,9 +147,12 @@ def place_text(place: Place) -> str:
     return ", ".join(parts)
 
 
-def place_rows(record: Record) -> list[list[str]]:
-    """Places of the mismatch with their shares."""
-    return [[place_text(one), percent_text(one.share)] for one in record.where]
+def place_rows(record: Record) -> tuple[list[list[str]], list[list[str]]]:
+    """Places of the mismatch with their shares: the runs' intervals, and regimes of the driver, which divide the same sum again."""
+    rows: tuple[list[list[str]], list[list[str]]] = [], []
+    for one in record.where:
+        rows[one.regime is not None].append([place_text(one), percent_text(one.share)])
+    return rows
 
 
 def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 SD_OF_MAD: Final = 1.4826  # standard deviation of a normal variable over its median absolute deviation
+LEAST_P_VALUE: Final = 1e-300  # a p-value that underflows is at most this, and not zero
 _OUTLIER_WEIGHT: Final = 1e-4
 
 

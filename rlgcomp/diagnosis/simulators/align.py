@@ -42,6 +42,7 @@ from rlgcomp.diagnosis.simulators.resampling import (
 )
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import Play
+from rlgcomp.numerics.robust import LEAST_P_VALUE
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import PPM
@@ -279,7 +280,7 @@ class _Grid:
         f_statistic = max(0.0, 0.5 * (worse - freedom * variance) / variance)
         spread = target[inside] - _projected(fixed[inside], target[inside])
         explained = 1.0 - float(rest @ rest) / max(float(spread @ spread), least)
-        p_value = float(special.fdtrc(2, freedom, f_statistic))
+        p_value = max(float(special.fdtrc(2, freedom, f_statistic)), LEAST_P_VALUE)
         left = np.full(len(target), np.nan)
         left[inside] = (aim - _projected(white, aim))[:-1]
         return _Settled(_Clock(offset_s, float(sd[0]), drift, float(sd[1]), p_value, explained), left)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -22,11 +23,36 @@ MEMORIES: Final = {
     "rate-independent": "by the path it took, as hysteresis does",
     "none": "by no driver",
 }
+_REGIONS: Final = {
+    "law": "a law of {0}",
+    "lag": "a delayed law of {0}",
+    "loop": "a hysteresis of {0}",
+    "rate": "a law of the rate of {0}",
+    "product": "a product of {0} and {1}",
+}
+_REGION: Final = re.compile(rf"\b({'|'.join(_REGIONS)}):([\w:]+)")
+_LATENT: Final = re.compile(r"(?<![\w ])(wander|unrecorded)\b|(?<=\+ )(wander|unrecorded)\b")
+
+
+def region_words(text: str) -> str:
+    """Laws without a name in a text as words.
+
+    >>> region_words("law:angle_rad + wander"), region_words("late humidity_percent")
+    ('a law of angle_rad + a slow error of no recorded column', 'the delay of humidity_percent')
+    """
+    text = _REGION.sub(lambda found: _REGIONS[found[1]].format(*found[2].split(":")), text)
+    text = re.sub(r"(^|(?<=\+ ))late (?=\w)", "the delay of ", text)
+    return _LATENT.sub("a slow error of no recorded column", text)
+
+
+def _words(names: Sequence[str], joined: str = "and") -> str:
+    """Mechanisms, laws or sets of them in a sentence."""
+    return listing([region_words(name) for name in names], joined)
 
 
 def _cause(cause: Mapping[str, Any]) -> str:
-    instead = cause["instead"]
-    either = f" or, in its place, {listing(list(instead), 'or')}" if instead else ""
+    instead = [*map(region_words, cause["instead"]), *(["nothing"] if cause["perhaps_nothing"] else [])]
+    either = f" or, in its place, {listing(instead, 'or')}" if instead else ""
     return f"{cause['mechanism']}{either} (probability {probability_text(cause['probability'])})"
 
 
@@ -38,7 +64,7 @@ def _law(simulator: str, causes: Sequence[Mapping[str, Any]], laws: Sequence[Map
     lacks = f"{simulator[:1].upper()}{simulator[1:]} lacks "
     named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
     texts = [
-        f"a law of {listing(list(one['drivers']))} ({one['memory']}, probability {probability_text(one['probability'])})"
+        f"{region_words(one['law'])} ({MEMORIES[one['memory']]}; probability {probability_text(one['probability'])})"
         for one in laws
     ]
     return f"{lacks}{named}{listing(texts)}; no candidate mechanism has this form."
@@ -99,7 +125,7 @@ def _compensation_better(runs: str, compensation: float, after: float, floor: fl
 
 
 def _learnt(causes: Sequence[str], share: float) -> str:
-    names = listing(["A slow error" if one == "wander" else one for one in causes])
+    names = listing(["A slow error" if one == "wander" else region_words(one) for one in causes])
     return (
         f"{names} follows no recorded column, but an LS-SVM learns {percent_text(share)} of the mismatch from recorded columns: a "
         "law of three or more of them together is likelier than a cause that was not recorded."
@@ -115,10 +141,18 @@ def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str
     return f"Each run has a bias of its own: {listing(texts)}."
 
 
-def _late_thermometer(column: str, lag_s: float, sd_s: float) -> str:
+def _late_thermometer(column: str, lag_s: float, sd_s: float, instead: Sequence[str]) -> str:
+    alike = listing([f"a fast part of {name}" for name in instead] or ["a temperature_rate"], "or")
     return (
         f"The thermometer {column} is late by {estimate_text(lag_s, sd_s, 's')}: the simulator reads it where the gyro is ahead. "
-        "No physics is missing there, unless that sensor is known to be faster: a temperature_rate would look alike."
+        f"No physics is missing there, unless that sensor is known to be faster: {alike} would look alike."
+    )
+
+
+def _late_monitor(column: str, lag_s: float, sd_s: float) -> str:
+    return (
+        f"The column {column} is late by {estimate_text(lag_s, sd_s, 's')}: the gyro follows the quantity before its readings show "
+        "it. A slow sensor or logger does that, and no physics is missing there."
     )
 
 
@@ -130,25 +164,36 @@ def _wrong_number(mechanism: str, parameter: str, stated: float, found: float, s
 
 
 def _alike(mechanism: str, others: Sequence[str], probabilities: Sequence[float]) -> str:
-    texts = [f"{name} ({probability_text(p, 2)})" for name, p in zip(others, probabilities, strict=True)]
-    return f"These runs cannot tell {mechanism} from {listing(texts, 'or')}."
+    texts = [f"{region_words(name)} ({probability_text(p, 2)})" for name, p in zip(others, probabilities, strict=True)]
+    return f"These runs cannot tell {region_words(mechanism)} from {listing(texts, 'or')}."
+
+
+def _perhaps_nothing(mechanism: str, probability: float, rms: float, floor: float, unit: str) -> str:
+    return (
+        f"{region_words(mechanism)} may be nothing: the same set without it has the probability "
+        f"{probability_text(probability, 2)}. Its rms is {rms:.2g} {unit}, that of the noise {rms_text(floor, floor)} {unit}."
+    )
 
 
 def _other_form(mechanism: str, equation: str) -> str:
-    return f"The form found for {mechanism} is not the catalogue's equation: {equation}; the function is given as a table."
+    return (
+        f"The form found for {mechanism} is not the catalogue's equation: {equation}; diagnosis.json and the figure give the "
+        "function found."
+    )
 
 
 def _cancelling(one: str, other: str, correlation: float, ratio: float) -> str:
     return (
-        f"{one} and {other} nearly cancel in these runs (correlation {correlation:.3f}; each is {ratio:.1f} times as large as both "
-        "together): their sum is known, their single numbers are not."
+        f"{region_words(one)} and {region_words(other)} nearly cancel in these runs (correlation {correlation:.3f}; each is "
+        f"{ratio:.1f} times as large as both together): their sum is known, their single numbers are not."
     )
 
 
-def _extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequence[float], unit: str) -> str:
+def _extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequence[float], unit: str, share: float) -> str:
+    spans = (f"{low:.4g} to {high:.4g} {unit}".rstrip() for low, high in (recorded, learnt))
     return (
-        f"{run} goes beyond the training runs in {column}: {recorded[0]:.4g} to {recorded[1]:.4g} {unit}, trained on "
-        f"{learnt[0]:.4g} to {learnt[1]:.4g} {unit}; there the function found is extrapolated."
+        f"{run} goes beyond the training runs in {column} for {percent_text(share)} of its time: {next(spans)}, trained on "
+        f"{next(spans)}; there the function found is extrapolated."
     )
 
 
@@ -177,8 +222,16 @@ def _confirmed(runs: Sequence[str]) -> str:
 
 def _not_in_file(parts: Sequence[str]) -> str:
     return (
-        f"augmented.yaml predicts other runs and holds nothing that belongs to single runs (histories, steps, phases): parts of "
-        f"{listing(list(parts))} are not in it."
+        f"augmented.yaml predicts other runs and holds nothing that belongs to single runs or sensors (histories, steps, phases, "
+        f"delays): parts of {_words(parts)} are not in it."
+    )
+
+
+def _file_gain(before: float, after: float, file: float, floor: float, unit: str, improvement: float) -> str:
+    return (
+        f"The gain is that of the fit. augmented.yaml by itself leaves {rms_text(file, floor)} {unit} of the test runs, "
+        f"{percent_text(improvement)} less than the {rms_text(before, floor)} {unit} before, where the fit leaves "
+        f"{rms_text(after, floor)} {unit}: the file starts every run alike, and holds no history or delay."
     )
 
 
@@ -195,7 +248,7 @@ def _nothing(simulator: str, probability: float, p_value: float) -> str:
 
 def _worse_in_training(mechanisms: Sequence[str], before: float, after: float, unit: str) -> str:
     return (
-        f"{listing(list(mechanisms))} is not named although probable: the error of the training runs would be {after:.4g} {unit} "
+        f"{_words(mechanisms)} is not named although probable: the error of the training runs would be {after:.4g} {unit} "
         f"with it and is {before:.4g} {unit} without."
     )
 
@@ -209,16 +262,22 @@ def _nothing_named(simulator: str, probability: float) -> str:
 
 def _undecided(sets: Sequence[str], separation: float) -> str:
     return (
-        f"No programme within the recorded ranges can part {listing(list(sets), 'or')}: their predictions differ by "
+        f"No programme within the recorded ranges can tell {_words(sets, 'from')}: their predictions differ by "
         f"{separation:.2g} standard deviations at most. A further monitor might."
     )
 
 
 def _programme(sets: Sequence[str], profile: str, duration_s: float, expected: float) -> str:
+    likely = probability_text(expected, 2)
+    about = likely.replace("> ", "more than ") if likely.startswith(">") else f"about {likely}"
     return (
-        f"To tell {listing(list(sets), 'from')}, run {profile} ({time_text(duration_s)}): the true one of these would then have a "
-        f"probability of about {probability_text(expected, 2)}."
+        f"To tell {_words(sets, 'from')}, record a run on the programme `{profile}` ({time_text(duration_s)}): the true one of "
+        f"these would then have a probability of {about}."
     )
+
+
+def _set_uncertain(probability: float, other: str, of_other: float) -> str:
+    return f"The set named has the probability {probability:.2f}; the next, {region_words(other)}, {of_other:.2f}."
 
 
 def _unidentified(mechanism: str, parameters: Sequence[str]) -> str:
@@ -253,14 +312,14 @@ def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int
 
 def _in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
     return (
-        f"{mechanism} acts in {listing(list(runs))} alone, of {of} training runs: whether it acts in another run is not known, and "
-        "test runs are predicted without it."
+        f"{region_words(mechanism)} acts in {listing(list(runs))} alone, of {of} training runs: whether it acts in another run is "
+        "not known, and test runs are predicted without it."
     )
 
 
 def _strength_by_run(mechanism: str, rms: Mapping[str, float], unit: str) -> str:
     sizes = listing([f"{value:.3g} {unit} in {run}" for run, value in rms.items()])
-    return f"The amplitude of {mechanism} differs from run to run: rms {sizes}."
+    return f"The amplitude of {region_words(mechanism)} differs from run to run: rms {sizes}."
 
 
 def _amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
@@ -334,14 +393,17 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.no_test_runs": "No run was given with --test, so nothing is proven: the numbers are those of the training runs.",
     "diagnosis.worse_in_training": _worse_in_training,
     "diagnosis.null_possible": _possible_null,
-    "diagnosis.set_uncertain": ("The set named has the probability {probability:.2f}; the next, {other}, {of_other:.2f}."),
+    "diagnosis.set_uncertain": _set_uncertain,
     "diagnosis.indistinguishable": _alike,
+    "diagnosis.perhaps_nothing": _perhaps_nothing,
+    "diagnosis.file_gain": _file_gain,
     "diagnosis.compensation_better": _compensation_better,
     "diagnosis.learnt_from_columns": _learnt,
     "diagnosis.wrong_number": _wrong_number,
     "diagnosis.bias_step": _step,
     "diagnosis.run_biases": _run_biases,
     "diagnosis.late_thermometer": _late_thermometer,
+    "diagnosis.late_monitor": _late_monitor,
     "diagnosis.cancelling": _cancelling,
     "diagnosis.unidentified": _unidentified,
     "diagnosis.other_form": _other_form,
