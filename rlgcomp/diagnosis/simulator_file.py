@@ -285,12 +285,8 @@ class _Written:
                 each = np.full(len(radii), float(weights[0]) / basis.driver.half / len(radii))
                 of = _driver(basis.driver) | {"memory": "plays", "start": basis.start}
                 return [law(**of, knots=tuple(radii.tolist()), weights=tuple(each.tolist()))], True
-            case Relays():
-                return _relays(law, basis, np.array(basis.up), np.array(basis.down), weights), True
-            case Preisach():
-                of_each = basis.densities() @ weights
-                relays = _relays(law, basis, *dense(basis.levels), of_each)
-                return [*relays, law(knots=(0.0,), weights=(-0.5 * float(np.sum(of_each)),))], True
+            case Relays() | Preisach():
+                return _of_relays(law, basis, weights), True
             case Product():
                 one, other = basis.one.driver, basis.other.driver
                 product = float(weights[0]) / (one.half * other.half)
@@ -404,6 +400,15 @@ def tabulated(function: Any, knots: Array, precision: float) -> Array:
             break
         knots = np.unique(np.r_[knots, middles[off]])
     return knots
+
+
+def _of_relays(law: Any, basis: Relays | Preisach, weights: Array) -> list[TabulatedLaw]:
+    """Single relays, or those of a density, half of which is on on average."""
+    if isinstance(basis, Relays):
+        return _relays(law, basis, np.array(basis.up), np.array(basis.down), weights)
+    of_each = basis.densities() @ weights
+    relays = _relays(law, basis, *dense(basis.levels), of_each)
+    return [*relays, law(knots=(0.0,), weights=(-0.5 * float(np.sum(of_each)),))]
 
 
 def _relays(law: Any, basis: Relays | Preisach, up: Array, down: Array, weights: Array) -> list[TabulatedLaw]:
