@@ -144,9 +144,7 @@ def fixed_size_rmse(
         With `run_biases` shape (m, 2): the groups' mean errors, and the errors about them.
     """
     c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
-    basis = _Basis(X[spread_out(X, centres)], sigma)
-    members = [np.flatnonzero(groups == label) for label in np.unique(groups)]
-    sums = basis.sums(X, y - y.mean(), members)
+    sums = _sums_by_group(X, y, groups, centres, sigma)
     of_runs = sums[:, -2]  # of the rows of each run, the last but one their number
     reduced = sums
     if run_biases and len(sums) > 1:
@@ -163,6 +161,19 @@ def fixed_size_rmse(
     if run_biases:
         return np.sqrt(np.maximum(np.column_stack([between, squares - between]), 0.0) / len(y))
     return np.asarray(np.sqrt(np.maximum(squares, 0.0) / len(y)))
+
+
+def run_variance_over_noise(
+    X: Array, y: Array, groups: npt.NDArray[Any], centres: int, sigma: float, c_values: npt.ArrayLike
+) -> float:
+    """The variance of the groups' biases, over that of the noise, that `fixed_size_rmse` takes; its parameters."""
+    sums = _sums_by_group(X, y, groups, centres, sigma)
+    return _run_variance(sums.sum(axis=0), sums[:, -2], np.atleast_1d(np.asarray(c_values, dtype=np.float64)))
+
+
+def _sums_by_group(X: Array, y: Array, groups: npt.NDArray[Any], centres: int, sigma: float) -> Array:
+    basis = _Basis(X[spread_out(X, centres)], sigma)
+    return basis.sums(X, y - y.mean(), [np.flatnonzero(groups == label) for label in np.unique(groups)])
 
 
 def _run_variance(together: Array, of_runs: Array, c: Array) -> float:
