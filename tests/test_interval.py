@@ -44,6 +44,56 @@ def test_runs_that_differ_are_covered_on_average(spread: float) -> None:
     assert np.mean(covered) == pytest.approx(0.9, abs=0.03)
 
 
+@pytest.mark.parametrize("runs", [2, 4])
+@pytest.mark.parametrize("between", [0.0, 5.0])
+def test_gyros_of_the_same_runs_show_together_how_runs_differ(runs: int, between: float) -> None:
+    """Three gyros whose biases differ from run to run in proportion to their scatter: 90 % of another run, in less width."""
+    rng = np.random.default_rng(runs)
+    covered, narrower = [], []
+    groups = np.repeat(np.arange(runs), 60)
+    X = rng.uniform(size=(60 * runs, 1))
+    for _ in range(300):
+        biases = between * rng.standard_normal((3, runs + 1))
+        left_out = biases[:, :runs] - (biases[:, :runs].sum(axis=1, keepdims=True) - biases[:, :runs]) / (runs - 1)
+        noise = rng.standard_normal((3, 60 * runs))
+        errors = np.array([[0.01], [1.0], [100.0]]) * (noise + left_out[:, groups])
+        arguments = errors[0], X, errors[0], groups
+        interval = Interval.calibrated(*arguments, runs=runs, other_gyros=errors[1:])
+        new = 0.01 * (rng.standard_normal(60) + biases[0, -1] - biases[0, :runs].mean())
+        covered.append(np.mean(np.abs(new) <= interval.inside_deg_h))
+        narrower.append(interval.inside_deg_h / Interval.calibrated(*arguments, runs=runs).inside_deg_h)
+    assert interval.gyros == 3
+    assert 0.86 < np.mean(covered) < 0.96
+    assert between == 0.0 or np.median(narrower) < 1.0
+
+
+def test_a_gyro_that_does_not_vary_shows_nothing() -> None:
+    rng = np.random.default_rng(0)
+    X, errors, groups = rng.uniform(size=(120, 1)), rng.standard_normal(120), np.repeat([0, 1], 60)
+    alone = Interval.calibrated(errors, X, errors, groups, runs=2)
+    assert Interval.calibrated(errors, X, errors, groups, runs=2, other_gyros=np.zeros((1, 120))) == alone
+    assert alone.gyros == 1
+
+
+def test_the_other_gyros_of_a_recording_narrow_its_interval() -> None:
+    """Two runs of three gyros: the interval says of how many gyros it is, on the card as well, and survives being saved."""
+    rng = np.random.default_rng(1)
+    runs = []
+    for k in range(2):
+        run = rlg.simulated_unit(1).simulate("short", seed=k, step_s=20.0, name=f"run{k}")
+        for axis in "yz":
+            run = run.with_column(f"gyro_{axis}_deg_h", run.column("gyro_deg_h") + 0.002 * rng.standard_normal(len(run)))
+        runs.append(run)
+    model = rlg.CubicLeastSquares()
+    three = rlg.Compensator(model, features="temperature", gyro="gyro_deg_h").fit(runs)
+    alone = rlg.Compensator(model, features="temperature").fit(
+        [run.replace(table=run.table.drop(columns=["gyro_y_deg_h", "gyro_z_deg_h"])) for run in runs]
+    )
+    assert (three.interval_.gyros, alone.interval_.gyros) == (3, 1)
+    assert three.interval_.inside_deg_h != alone.interval_.inside_deg_h
+    assert three.offset_interval(600.0) == alone.offset_interval(600.0)
+
+
 def test_the_quantile_counts_runs_not_windows() -> None:
     long, short = np.zeros(900), np.ones(100)
     assert quantile([long, short], 0.5) == 0.0

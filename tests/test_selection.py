@@ -108,6 +108,22 @@ def test_a_model_without_parameters_is_scored_all_the_same(data: tuple[np.ndarra
     assert 0.1 < selection.rmse < 1.0
 
 
+def test_the_grid_goes_on_beyond_the_edge_at_which_the_best_candidate_lies(
+    data: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    X, _, groups = data
+    within = choose(data)
+    assert within.table["c"].max() <= 1e8
+    assert not within.at_limits
+    exact = (X, X[:, 0] ** 3 - X[:, 0] * X[:, 1], groups)  # without noise every larger c is better
+    beyond = choose(exact)
+    assert beyond.best["c"] == pytest.approx(1e10)
+    assert beyond.rmse < 0.9 * beyond.table[beyond.table["c"] <= 1e8]["rmse"].min()
+    assert beyond.table["sigma"].is_monotonic_decreasing  # the smoothest first
+    assert beyond.at_limits == {"c": beyond.best["c"]}
+    assert [one.code for one in beyond.remarks(1.0, "runs")] == ["compensation.at_limits"]
+
+
 def test_public_name() -> None:
     assert rlg.LSSVMRegressor is MODELS["lssvm"].estimator
 

@@ -247,7 +247,8 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
 
     def calibrated_interval(self) -> Interval:
         """From the errors of the selected model on runs left out."""
-        return HeldOutErrors.of(self.model_, self.training_, self.scaling_).interval(self.turn_on_deg_h)
+        errors = HeldOutErrors.of(self.model_, self.training_, self.scaling_)
+        return errors.with_other_gyros(self.model_, self.scaling_).interval(self.turn_on_deg_h)
 
     # --- tables ------------------------------------------------------------------------------------------------------------
 

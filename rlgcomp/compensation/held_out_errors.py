@@ -8,9 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.base import clone
 
 from rlgcomp.compensation.interval import Interval, noise_of_windows_deg_h
-from rlgcomp.compensation.models.specification import cross_validation_residuals
+from rlgcomp.compensation.models.specification import cross_validation_residuals, grouping, sequential
 from rlgcomp.compensation.window_means import Scaling, WindowMeans, run_labels, scaled_rows
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +32,8 @@ class HeldOutErrors:
         The windows that calibrate the interval.
     ranged : ndarray of bool, shape (features,)
         The inputs whose range counts.
+    other_gyros : ndarray, shape (gyros, n)
+        Errors of the other gyros of the same runs, each in a unit of its own.
     """
 
     training: Sequence[WindowMeans]
@@ -38,6 +41,7 @@ class HeldOutErrors:
     groups: npt.NDArray[np.int64]
     counted: npt.NDArray[np.bool_]
     ranged: npt.NDArray[np.bool_]
+    other_gyros: Array
 
     @classmethod
     def of(cls, model: Any, training: Sequence[WindowMeans], scaling: Scaling) -> Self:
@@ -52,7 +56,30 @@ class HeldOutErrors:
         """
         X, y, groups = scaled_rows(training, scaling)
         errors = cross_validation_residuals(model, X, y, groups) * scaling.y_scale_deg_h
-        return cls(training, errors, groups, np.ones(len(errors), dtype=np.bool_), scaling.ranged)
+        return cls(training, errors, groups, np.ones(len(errors), dtype=np.bool_), scaling.ranged, np.empty((0, len(errors))))
+
+    def with_other_gyros(self, model: Any, scaling: Scaling) -> Self:
+        """With the errors of the same model, fitted to each other gyro that all runs have: they show how runs differ as well.
+
+        Parameters
+        ----------
+        model : estimator
+            Fitted on the scaled rows. One that reads sequences, whose folds take long, is not fitted again.
+        scaling : Scaling
+        """
+        names = set.intersection(*(set(part.other_gyros) for part in self.training))
+        if len(self.training) == 1 or sequential(model):
+            return self
+        X, _, groups = scaled_rows(self.training, scaling)
+        errors = []
+        for name in sorted(names):
+            y = np.concatenate([part.other_gyros[name] for part in self.training])
+            if not np.isfinite(y).all() or np.ptp(y) == 0.0:
+                continue
+            y = (y - y.mean()) / y.std()
+            fitted = clone(model).fit(X, y, **grouping(model, run_labels(self.training)))
+            errors.append(cross_validation_residuals(fitted, X, y, groups))
+        return dataclasses.replace(self, other_gyros=np.array(errors).reshape(len(errors), len(self.errors_deg_h)))
 
     def zeroed_at_start(self, offset_s: float, averaging_s: float) -> Self:
         """The errors of each run less their mean over so many seconds at its start; later windows alone are counted.
@@ -71,7 +98,7 @@ class HeldOutErrors:
             start = rows[: max(1, int(np.searchsorted(part.time_s, begin_s + offset_s)))]
             errors[rows] -= errors[start].mean()
             later[start] = len(start) == len(rows)
-        return dataclasses.replace(self, errors_deg_h=errors, counted=later)
+        return dataclasses.replace(self, errors_deg_h=errors, counted=later, other_gyros=np.empty((0, len(errors))))
 
     def interval(self, turn_on_deg_h: float | None = None) -> Interval:
         """The interval that the counted windows calibrate.
@@ -94,5 +121,6 @@ class HeldOutErrors:
             noise_deg_h=noise_of_windows_deg_h(y_deg_h),
             blocks=len(self.training) == 1,
             turn_on_deg_h=turn_on_deg_h,
+            other_gyros=self.other_gyros[:, self.counted],
         )
         return dataclasses.replace(interval, basis="assumed") if assumed and interval.basis == "blocks" else interval

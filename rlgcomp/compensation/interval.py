@@ -14,15 +14,22 @@ with the mean of R - 1 others,
 
 .. math:: s^2 = \frac{R-1}{R} \Big( 1 + \frac1R \Big) \frac1R \sum_r d_r^2 .
 
+Of few runs s is hardly known. Other gyros of the same recordings, compensated alike, show it as well: gyros of one unit are taken
+to differ from run to run in proportion to the scatter v of their errors within runs, so that with G gyros
+
+.. math:: s = v \, \Big( \frac1G \sum_g s_g^2 / v_g^2 \Big)^{1/2},
+
+and T has G (R - 1) degrees of freedom.
+
 Q is the half width that holds 90 % of :math:`e_i - d_r + s\,T`, every run counting the same. Leaving runs out once more shows how
 the scatter differs from run to run: with :math:`Q_{-r}` the 90 % quantile of :math:`|e_i - d_r|` of all runs but r,
 
 .. math:: q = Q + m, \qquad m \text{ being the 90 % quantile of } |e_i - d_r| - Q_{-r} .
 
 A stated repeatability from switch-on to switch-on, :math:`\sigma`, counts as ten runs: with :math:`s_0^2 = \sigma^2 (1 + 1/R)`
-the scale is that of :math:`(10 s_0^2 + (R - 1) s^2) / (R + 9)`, and T has R + 9 degrees of freedom. One run alone does not show
-how runs differ: without a stated repeatability the standard deviation of its bias is assumed for :math:`\sigma`, as if switching
-on anew changed the bias by as much as the programme did.
+and the n degrees of freedom of s the scale is that of :math:`(10 s_0^2 + n s^2) / (10 + n)`, and T has 10 + n degrees of freedom.
+One run alone does not show how runs differ: without a stated repeatability the standard deviation of its bias is assumed for
+:math:`\sigma`, as if switching on anew changed the bias by as much as the programme did.
 
 Windows beyond the range of the other runs depend on w, not on q, and are not counted. Where no run lies within the range of the
 others, q is the 90 % quantile of the whole errors, extrapolated as they are: how far runs are from each other. Of a single run
@@ -78,6 +85,8 @@ class Interval:
         not show how runs differ; such blocks, with a repeatability that is assumed; or nothing, where no error is known.
     turn_on_deg_h : float
         Repeatability of the bias from switch-on to switch-on, stated or assumed, that is in the half width, or zero.
+    gyros : int
+        Of the same runs, from which the spread between runs was taken.
     """
 
     inside_deg_h: float
@@ -86,6 +95,7 @@ class Interval:
     runs: int
     basis: str = "runs"
     turn_on_deg_h: float = 0.0
+    gyros: int = 1
 
     @classmethod
     def calibrated(
@@ -100,6 +110,7 @@ class Interval:
         noise_deg_h: float = 0.0,
         blocks: bool = False,
         turn_on_deg_h: float = 0.0,
+        other_gyros: Array | None = None,
     ) -> Self:
         """The interval from errors with each group left out.
 
@@ -120,9 +131,11 @@ class Interval:
             The groups are blocks of a single run.
         turn_on_deg_h : float
             Stated standard deviation of the bias from switch-on to switch-on.
+        other_gyros : ndarray, shape (gyros, n), optional
+            Errors of other gyros of the same runs, each in a unit of its own.
         """
         per_span_deg_h = float(np.ptp(y_deg_h))
-        errors = []
+        errors, inside = [], []
         for label in np.unique(groups):
             out = groups == label
             low, high = X[~out].min(axis=0), X[~out].max(axis=0)
@@ -131,6 +144,7 @@ class Interval:
             error = errors_deg_h[out]
             if (beyond == 0.0).sum() >= _FEWEST_INSIDE:
                 errors.append(error[beyond == 0.0])
+                inside.append(np.flatnonzero(out)[beyond == 0.0])
             elif blocks:
                 errors.append(np.sign(error) * np.maximum(np.abs(error) - per_span_deg_h * beyond, 0.0))
         basis = "blocks" if blocks else "runs" if errors else "spread"
@@ -141,15 +155,20 @@ class Interval:
         scores = [np.abs(error) for error in within]
         others = [quantile([*scores[:k], *scores[k + 1 :]] or scores, coverage) for k in range(len(scores))]
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
-        spread, degrees_of_freedom = _spread_of_runs(means, len(np.unique(groups))), max(1, len(means) - 1)
+        spread, gyros = _spread_of_runs(means, len(np.unique(groups))), 1
+        if basis == "runs" and other_gyros is not None:
+            others = [[errors_of[rows] for rows in inside] for errors_of in other_gyros]
+            spread, gyros = _pooled_spread(spread, within, others, len(np.unique(groups)))
+        degrees_of_freedom = gyros * max(1, len(means) - 1)
         if turn_on_deg_h > 0.0:
-            spread, degrees_of_freedom = _with_stated(spread, turn_on_deg_h, 1 if blocks else len(means))
+            known = (1 if blocks else len(means)) - 1
+            spread, degrees_of_freedom = _with_stated(spread, gyros * known, turn_on_deg_h, known + 1)
         inside_deg_h = _half_width(within, spread, degrees_of_freedom, coverage) + margin_deg_h
         inside_deg_h = max(inside_deg_h, float(stats.norm.ppf(0.5 + 0.5 * coverage)) * noise_deg_h)
         if not inside_deg_h > 0.0:
             basis = "unknown"
             inside_deg_h = per_span_deg_h or float(np.spacing(np.abs(y_deg_h).max()))
-        return cls(inside_deg_h, per_span_deg_h, coverage, runs if blocks else len(errors), basis, turn_on_deg_h)
+        return cls(inside_deg_h, per_span_deg_h, coverage, runs if blocks else len(errors), basis, turn_on_deg_h, gyros)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -160,9 +179,10 @@ class Interval:
         InputError
             A value is not allowed.
         """
-        runs = values["runs"]
-        if isinstance(runs, bool) or not isinstance(runs, int) or runs < 1:
-            raise InputError(f"interval: runs is {str(runs)[:40]!r}; it must be a whole number from 1")
+        for name in ("runs", "gyros"):
+            number = values.get(name, 1) if name == "gyros" else values[name]
+            if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+                raise InputError(f"interval: {name} is {str(number)[:40]!r}; it must be a whole number from 1")
         inside, per_span, coverage = (
             finite(values[name], f"interval: {name}", low=0.0) for name in ("inside_deg_h", "per_span_deg_h", "coverage")
         )
@@ -172,7 +192,7 @@ class Interval:
         if basis not in BASES:
             raise InputError(f"interval: basis is {str(basis)[:40]!r}; it must be {', '.join(BASES[:-1])} or {BASES[-1]}")
         turn_on = finite(values.get("turn_on_deg_h", 0.0), "interval: turn_on_deg_h", low=0.0)
-        return cls(inside, per_span, coverage, runs, basis, turn_on)
+        return cls(inside, per_span, coverage, values["runs"], basis, turn_on, values.get("gyros", 1))
 
     def half_width_deg_h(self, spans_outside: Array) -> Array:
         """Half width for inputs this number of spans beyond the training range, shape (n,); see :func:`excess`."""
@@ -214,11 +234,52 @@ def _spread_of_runs(means: Array, count: int) -> float:
     return float(np.sqrt((count - 1) / count * (1.0 + 1.0 / count) * np.mean(means**2)))
 
 
-def _with_stated(spread: float, turn_on_deg_h: float, runs: int) -> tuple[float, int]:
-    """Scale and degrees of freedom with a stated repeatability, which counts as a number of runs."""
+def _pooled_spread(spread: float, within: Sequence[Array], others: Sequence[Sequence[Array]], count: int) -> tuple[float, int]:
+    """s with that of other gyros, each over the scatter of its errors within runs, and the number of gyros.
+
+    Parameters
+    ----------
+    spread : float
+        s of the gyro alone.
+    within : sequence of ndarray
+        Its errors about the mean of each run.
+    others : sequence of sequence of ndarray
+        The errors of each other gyro, run by run.
+    count : int
+        Runs, each left out in turn.
+    """
+    scatter, ratios = _scatter(within), []
+    for errors in others:
+        means = np.array([error.mean() for error in errors])
+        own = _scatter([error - mean for error, mean in zip(errors, means, strict=True)])
+        if own > 0.0:
+            ratios.append(_spread_of_runs(means, count) / own)
+    if not ratios or scatter == 0.0:
+        return spread, 1
+    return scatter * float(np.sqrt(np.mean(np.square([spread / scatter, *ratios])))), 1 + len(ratios)
+
+
+def _scatter(within: Sequence[Array]) -> float:
+    """v: root mean square of the errors within runs, every run counting the same."""
+    return float(np.sqrt(np.mean([np.mean(part**2) for part in within])))
+
+
+def _with_stated(spread: float, known: int, turn_on_deg_h: float, runs: int) -> tuple[float, int]:
+    """Scale and degrees of freedom with a stated repeatability, which counts as a number of runs.
+
+    Parameters
+    ----------
+    spread : float
+        s, from the runs.
+    known : int
+        Its degrees of freedom.
+    turn_on_deg_h : float
+        The stated repeatability.
+    runs : int
+    """
     stated = turn_on_deg_h**2 * (1.0 + 1.0 / runs)
-    degrees_of_freedom = STATED_RUNS + runs - 1
-    return math.sqrt((STATED_RUNS * stated + (runs - 1) * spread**2) / degrees_of_freedom), degrees_of_freedom
+    degrees_of_freedom = STATED_RUNS + known
+    return math.sqrt((STATED_RUNS * stated + known * spread**2) / degrees_of_freedom), degrees_of_freedom
 
 
 def _half_width(within: Sequence[Array], spread: float, degrees_of_freedom: int, coverage: float) -> float:

@@ -13,7 +13,7 @@ import hashlib
 import json
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final
@@ -38,6 +38,8 @@ TIE: Final = 0.01  # candidates whose error is this close to the smallest are eq
 Progress = Callable[[int, int], None]
 Scored = tuple[int, list[Any]]  # an error, or its two parts, for each candidate
 Work = Callable[[], Scored]
+Key = tuple[tuple[str, Any], ...]  # of a candidate
+Scores = dict[Key, Any]
 logger = logging.getLogger(__name__)
 
 
@@ -53,11 +55,14 @@ class Selection:
         Its error with groups left out, in units of the model's output.
     table : pandas.DataFrame
         One row a candidate: its parameters, `rmse`, and whether it was `chosen`.
+    at_limits : dict
+        Those selected parameters that lie where the search ends.
     """
 
     best: dict[str, Any]
     rmse: float | None
     table: pd.DataFrame
+    at_limits: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -65,7 +70,7 @@ class Selection:
         return selected_text(self.best)
 
     def remarks(self, before_deg_h: float, parts: str) -> list[Message]:
-        """A remark on a model that is no better than none with parts left out; empty for any other model.
+        """Remarks on a search that ends at its limits, and on a model that is no better than none with parts left out.
 
         Parameters
         ----------
@@ -74,10 +79,11 @@ class Selection:
         parts : {"runs", "units"}
             The groups left out.
         """
-        if self.rmse is None or self.rmse < 1.0:
-            return []
-        residual_deg_h = self.rmse * before_deg_h
-        return [message("compensation.no_gain", parts=parts, residual_deg_h=residual_deg_h, before_deg_h=before_deg_h)]
+        remarks = [message("compensation.at_limits", parameters=self.at_limits)] if self.at_limits else []
+        if self.rmse is not None and self.rmse >= 1.0:
+            residual_deg_h = self.rmse * before_deg_h
+            remarks.append(message("compensation.no_gain", parts=parts, residual_deg_h=residual_deg_h, before_deg_h=before_deg_h))
+        return remarks
 
 
 def select(
@@ -95,6 +101,8 @@ def select(
 
     Where runs differ in their mean by more than their errors scatter about it, as with a bias that is new at each switch-on, no
     candidate can know the mean of a run left out. The mean errors then count only as much as the scatter explains.
+
+    Where the best candidate lies at an edge of the grid, candidates beyond it are tried as well.
 
     Runs of one programme do not show which of two equally good candidates transfers to another programme; the smoother one does.
 
@@ -134,14 +142,55 @@ def select(
             append(k, score)
             if progress:
                 progress(len(scores), len(batches))
-    errors = np.array([score for k in range(len(batches)) for score in scores[k]])
-    rmse, criterion = (errors, errors) if errors.ndim == 1 else (np.sqrt((errors**2).sum(axis=1)), _without_run_biases(*errors.T))
-    candidates = [candidate for batch in batches for candidate in batch]
-    rows = [{**candidate, "rmse": float(error)} for candidate, error in zip(candidates, rmse, strict=True)]
+        errors = _beyond_the_grid(specification, model, batches, [scores[k] for k in range(len(batches))], X, y, groups)
+    rmse, criterion = _rmse_and_criterion(errors)
+    rows = [{**dict(candidate), "rmse": float(error)} for candidate, error in zip(errors, rmse, strict=True)]
     table = pd.DataFrame(rows)
     chosen = int(np.flatnonzero(criterion <= (1.0 + TIE) * criterion.min())[0])
     best = {key: value for key, value in rows[chosen].items() if key != "rmse"}
-    return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen))
+    at_limits = {} if specification.at_limits is None else specification.at_limits(model, X.shape[1], best)
+    return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen), at_limits)
+
+
+def _beyond_the_grid(
+    specification: ModelSpecification,
+    model: Any,
+    batches: list[list[dict[str, Any]]],
+    scores: Sequence[Sequence[Any]],
+    X: Array,
+    y: Array,
+    groups: Labels,
+) -> Scores:
+    """The score of each candidate, and of further ones beyond the grid's edges as long as these are better by more than a tie."""
+    errors = {_key(one): score for batch, of in zip(batches, scores, strict=True) for one, score in zip(batch, of, strict=True)}
+    while specification.beyond is not None:
+        best = list(errors)[int(np.argmin(_rmse_and_criterion(errors)[1]))]
+        batches = specification.beyond(model, X.shape[1], batches, dict(best))
+        new = [[one for one in batch if _key(one) not in errors] for batch in batches]
+        found = {
+            _key(one): score
+            for batch in new
+            if batch
+            for one, score in zip(batch, specification.rmse(model, batch, X, y, groups).tolist(), strict=True)
+        }
+        criterion = _rmse_and_criterion(errors | found)[1]
+        if not found or criterion[len(errors) :].min() > (1.0 - TIE) * criterion[: len(errors)].min():
+            break
+        errors |= found
+        errors = {_key(one): errors[_key(one)] for batch in batches for one in batch}
+    return errors
+
+
+def _key(candidate: Mapping[str, Any]) -> Key:
+    return tuple(candidate.items())
+
+
+def _rmse_and_criterion(scores: Scores) -> tuple[Array, Array]:
+    """The error of each candidate, and that by which it is selected."""
+    errors = np.array(list(scores.values()))
+    if errors.ndim == 1:
+        return errors, errors
+    return np.sqrt((errors**2).sum(axis=1)), _without_run_biases(*errors.T)
 
 
 def _without_run_biases(between: Array, within: Array) -> Array:

@@ -340,7 +340,8 @@ memory start afresh with every recording: the first minutes after switching on a
 def _interval(interval: Mapping[str, Any], averaging_s: float, parts: str) -> str:
     share = 100.0 * interval["coverage"]
     calibration = {"number": interval["runs"], "coverage": interval["coverage"], "basis": interval["basis"]}
-    promise = message("compensation.interval", parts=parts, turn_on_deg_h=interval.get("turn_on_deg_h", 0.0), **calibration)
+    calibration |= {"turn_on_deg_h": interval.get("turn_on_deg_h", 0.0), "gyros": interval.get("gyros", 1)}
+    promise = message("compensation.interval", parts=parts, **calibration)
     inside, per_span = interval["inside_deg_h"], interval["per_span_deg_h"]
     return f"""Means of the gyro over {averaging_s:g} s lie within ±{inside:.3g} deg/h of the estimated bias in {share:.0f} % of
 cases while every input is within the ranges above; their own noise is included.

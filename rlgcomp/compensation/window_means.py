@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -33,6 +33,8 @@ class WindowMeans:
         Gyro.
     noise_deg_h : ndarray, shape (n,), optional
         Noise of a simulated run, which no compensation can remove.
+    other_gyros : mapping of str to ndarray, shape (n,)
+        The other gyros of the recording, by their columns.
     """
 
     run: str
@@ -40,6 +42,7 @@ class WindowMeans:
     X: Array
     y_deg_h: Array
     noise_deg_h: Array | None = None
+    other_gyros: Mapping[str, Array] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,6 +147,7 @@ def window_means(recording: Recording, pipeline: FeatureRecipe, averaging_s: flo
         averaged.table[list(features.columns)].to_numpy(),
         averaged.column(column),
         truth[noises].to_numpy().sum(axis=1) if truth is not None and noises else None,
+        {name: averaged.column(name) for name in averaged.gyro_columns if name != column},
     )
 
 

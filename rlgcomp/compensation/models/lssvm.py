@@ -5,22 +5,10 @@ The primal problem, with regularisation :math:`\gamma` and weights :math:`v_i`, 
 .. math:: \min_{w, b, e}\; \tfrac12 w^T w + \tfrac{\gamma}{2} \sum_i v_i e_i^2
           \quad\text{subject to}\quad y_i = w^T \varphi(x_i) + b + e_i.
 
-Its Lagrangian is stationary where :math:`w = \sum_i \alpha_i \varphi(x_i)`, :math:`\sum_i \alpha_i = 0` and
-:math:`\alpha_i = \gamma v_i e_i`. Without w and e this is the KKT system, with :math:`\Omega_{ij} = K(x_i, x_j)`:
-
-.. math:: \begin{pmatrix} 0 & 1^T \\ 1 & H \end{pmatrix} \begin{pmatrix} b \\ \alpha \end{pmatrix} =
-          \begin{pmatrix} 0 \\ y \end{pmatrix}, \qquad H = \Omega + \mathrm{diag}(1 / \gamma v_i), \qquad
-          f(x) = \sum_i \alpha_i K(x_i, x) + b.
-
-With :math:`C = H^{-1} - H^{-1}11^TH^{-1} / 1^TH^{-1}1`, the lower right block of that matrix's inverse, :math:`\alpha = C y`. A
-group G of rows that is left out has the residuals
-
-.. math:: e_G = C_{GG}^{-1} \alpha_G, \qquad\text{one row}\qquad e_i = \alpha_i / C_{ii},
-
-from the same solution. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may enter linearly instead, as
-further columns of the border (a semi-parametric LS-SVM), or beside the kernel as its trend: see
-:mod:`rlgcomp.compensation.models.border`. Runs have biases of their own, each a column whose coefficient is random: see
-:mod:`rlgcomp.compensation.models.run_biases`.
+Its solution is :math:`f(x) = \sum_i \alpha_i K(x_i, x) + b`, of one linear system that leaves groups of rows out in closed form as
+well: see :mod:`rlgcomp.compensation.models.kkt_system`. In this package gamma is the parameter `c`, as in Opt. Express. Inputs may
+enter linearly instead of by the kernel, or beside it as its trend (a semi-parametric LS-SVM), and runs have biases of their own.
+The estimator stands here, what it computes in :mod:`rlgcomp.compensation.models.partially_linear`.
 
 References
 ----------
@@ -40,11 +28,11 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
-from rlgcomp.compensation.models.border import Border
+from rlgcomp.compensation.models import partially_linear
 from rlgcomp.compensation.models.cubic import DYNAMICS
-from rlgcomp.compensation.models.kernels import kernel, kernel_diagonal, kernel_sum, sum_of_row
-from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, KKTSystem, predictions, require_device, variance_reduction
-from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL, batches, batches_of, rmse_of_batch
+from rlgcomp.compensation.models.kernels import sum_of_row
+from rlgcomp.compensation.models.kkt_system import KKTSystem, require_device
+from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL, at_limits, batches, batches_of, beyond, rmse_of_batch
 from rlgcomp.compensation.models.run_biases import indicator
 from rlgcomp.compensation.models.specification import ModelSpecification, require_choice, require_number, require_shape
 from rlgcomp.errors import InputError
@@ -184,23 +172,26 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         inputs, target = validate_data(
             self, X, y, dtype=np.float64, order="C", y_numeric=True, ensure_min_samples=2, multi_output=not self.robust
         )
-        self.require_linear(inputs.shape[1], target)
+        self.functions.require_linear(inputs.shape[1], target)
         multiplicity = np.ones(len(target))
-        self.runs_ = self._run_numbers(runs, target)
+        numbers = None if runs is None else partially_linear.run_numbers(runs, len(target))
+        self.runs_ = None if target.ndim > 1 or self.device is not None else numbers
         if sample_weight is not None:
             checked = _check_sample_weight(sample_weight, inputs, dtype=np.float64)
             if self.runs_ is not None:
                 self.runs_ = self.runs_[checked > 0.0]
-            inputs, target, multiplicity = _positive_weights(inputs, target, checked)
-        self.run_variance_ = 0.0
-        kkt_system = self._kkt_system_of(inputs)
+            inputs, target, multiplicity = partially_linear.positive_weights(inputs, target, checked)
+        kkt_system = self.functions.system_of(inputs)
         weights = multiplicity
         for _ in range(_ROBUST_PASSES if self.robust else 0):
-            alpha, _ = self._with_run_biases(kkt_system(self.c * weights), target).solve(target)
+            solved, _ = partially_linear.with_run_biases(kkt_system(self.c * weights), self.runs_, self.run_variance, target)
+            alpha, _ = solved.solve(target)
             weights = multiplicity * suykens_weights(alpha / (self.c * weights), multiplicity)
         self.X_fit_ = inputs
         self.weights_ = weights
-        solved = self._with_run_biases(kkt_system(self.c * weights), target)
+        solved, self.run_variance_ = partially_linear.with_run_biases(
+            kkt_system(self.c * weights), self.runs_, self.run_variance, target
+        )
         diagonal = solved.inverse_diagonal()
         self.alpha_: Array
         self.intercept_: float | Array
@@ -238,8 +229,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         """
         check_is_fitted(self)
         inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        sums = self._sums(inputs, self.alpha_) if self.alpha_.ndim == 1 else self._each(lambda alpha: self._sums(inputs, alpha))
-        prediction = sums + self.intercept_
+        prediction = self._each(lambda alpha: self._sums(inputs, alpha)) + self.intercept_
         if self.coef_ is not None:
             for place, coefficient in zip(self.straight_places, self.coef_.tolist(), strict=True):  # the same bits for a row alone
                 prediction = prediction + coefficient * inputs[:, place]
@@ -264,6 +254,11 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     def without_kernel(self) -> bool:
         """Whether inputs that enter linearly are all there is."""
         return self.straight and self.c <= WITHOUT_KERNEL
+
+    @property
+    def functions(self) -> partially_linear.PartiallyLinear:
+        """The functions that are fitted."""
+        return partially_linear.PartiallyLinear(self.kernel_name, self.get_params(), tuple(self.linear), self.trend, self.device)
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -309,45 +304,27 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             There is not one label a row, or all are the same.
         """
         check_is_fitted(self)
-        received = np.asarray(groups)
-        if received.shape != self.alpha_.shape[:1]:
-            raise InputError(
-                f"groups of shape {received.shape}; give one label for each of the {len(self.alpha_)} training rows, shape "
-                f"({len(self.alpha_)},)"
-            )
-        labels, numbers = np.unique(received, return_inverse=True)
-        if len(labels) < 2:
-            raise InputError(f"all rows are of one group, {labels[0]!r}: without it no rows remain to train on; give two or more")
+        numbers = partially_linear.group_numbers(groups, len(self.alpha_))
         solved = getattr(self, "_solved", None)  # a model that was read from a file has none
         if solved is None:
-            solved = self._with_run_biases(self._kkt_system_of(self.X_fit_)(self.c * self.weights_))
+            system = self.functions.system_of(self.X_fit_)(self.c * self.weights_)
+            solved, _ = partially_linear.with_run_biases(system, self.runs_, self.run_variance_)
             self._solved = solved if self.device is None else None
         if self.straight and isinstance(solved, KKTSystem):
-            return self._leave_groups_out(solved, numbers)
-        if self.alpha_.ndim == 1:
-            return solved.leave_groups_out(self.alpha_, numbers)
+            return partially_linear.leave_groups_out(
+                solved, self.functions.columns(self.X_fit_), self.alpha_, numbers, self._refitted_errors
+            )
         return self._each(lambda alpha: solved.leave_groups_out(alpha, numbers))
 
-    def _leave_groups_out(self, solved: KKTSystem, groups: npt.NDArray[np.intp]) -> Array:
-        """In closed form; folds without which a column of the border is not determined are fitted again, its coefficient least."""
-        border, residuals = Border.of(self.straight_columns(self.X_fit_)), np.empty(len(self.alpha_))
-        determined = np.array([border.determined_without(groups == label) for label in np.unique(groups)])
-        inside = determined[groups]
-        if inside.any():
-            closed = np.where(inside, groups, -1)
-            residuals[inside] = solved.leave_groups_out(self.alpha_, closed, skipped=-1)[inside]
-        errors = self.alpha_ / (self.c * self.weights_)
-        own = np.zeros(len(errors))
+    def _refitted_errors(self, out: npt.NDArray[np.bool_]) -> Array:
+        """Errors of rows that another fit, with the same variance of the runs' biases, is made without."""
+        y = self.predict(self.X_fit_) + self.alpha_ / (self.c * self.weights_)
         if self.runs_ is not None:
             Z = indicator(self.runs_)
-            own = self.run_variance_ * (Z @ (Z.T @ self.alpha_))
-        y = self.predict(self.X_fit_) + errors + own
-        for label in np.flatnonzero(~determined):
-            out = groups == label
-            other = clone(self).set_params(run_variance=self.run_variance_)
-            other.fit(self.X_fit_[~out], y[~out], self.weights_[~out], None if self.runs_ is None else self.runs_[~out])
-            residuals[out] = y[out] - other.predict(self.X_fit_[out])
-        return residuals
+            y = y + self.run_variance_ * (Z @ (Z.T @ self.alpha_))
+        other = clone(self).set_params(run_variance=self.run_variance_)
+        other.fit(self.X_fit_[~out], y[~out], self.weights_[~out], None if self.runs_ is None else self.runs_[~out])
+        return np.asarray(y[out] - other.predict(self.X_fit_[out]))
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the inverse, n² numbers that are quickly computed again."""
@@ -372,91 +349,22 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
                 f"The 'linear' parameter of LSSVMRegressor must name inputs by number, each once. Got {self.linear!r} instead."
             )
 
-    def require_linear(self, features: int, target: Array) -> None:
-        """Refuse inputs that enter linearly where there are none such, or where the system has no border for them."""
-        if self.straight and (max(self.linear, default=0) >= features or target.ndim > 1 or self.device is not None):
-            names = f"linear names inputs {tuple(self.linear)}" if self.linear else "trend is of all inputs,"
-            raise InputError(f"{names} of {features}; they must be among them, of one output, without a device")
-
-    def straight_columns(self, X: Array) -> Array:
-        """The inputs that enter linearly."""
-        return X if self.trend else X[:, list(self.linear)]
-
-    def _smooth(self, X: Array) -> Array:
-        """The inputs that the kernel takes."""
-        return np.ascontiguousarray(np.delete(X, list(self.linear), axis=1)) if self.linear else X
-
     def _each(self, compute: Callable[[Array], Array]) -> Array:
-        """What is computed from the alpha of each output, as columns."""
+        """What is computed from the alpha of each output, as columns; from the only one, as it is."""
+        if self.alpha_.ndim == 1:
+            return compute(self.alpha_)
         return np.column_stack([compute(np.ascontiguousarray(alpha)) for alpha in self.alpha_.T])
 
     def _sums(self, X: Array, alpha: Array) -> Array:
-        """sum_i alpha_i K(x_i, x) for each row of X."""
-        if self.without_kernel:
-            return np.zeros(len(X))
-        if self.device is not None:
-            return predictions(self.kernel_name, self.get_params(), X, self.X_fit_, alpha, self.device)
-        # the sum of alpha is zero: a constant subtracted from the Gaussian removes much rounding
-        name = "gaussian_less_one" if self.kernel_name == "gaussian" else self.kernel_name
-        return kernel_sum(name, self.get_params(), self._smooth(X), self._smooth(self.X_fit_), alpha)
-
-    def _run_numbers(self, runs: npt.ArrayLike | None, target: Array) -> Array | None:
-        """Number of each row's run, or None where runs have no biases of their own."""
-        if runs is None:
-            return None
-        received = np.asarray(runs)
-        if received.shape != target.shape[:1]:
-            raise InputError(f"runs of shape {received.shape}; give one label for each of the {len(target)} rows")
-        numbers = np.unique(received, return_inverse=True)[1].astype(np.float64)
-        return None if numbers.max() == 0.0 or target.ndim > 1 or self.device is not None else numbers
-
-    def _with_run_biases(self, system: KKTSystem | DeviceKKTSystem, target: Array | None = None) -> KKTSystem | DeviceKKTSystem:
-        """The system with the runs' own biases; given a target, their variance is estimated unless it is a parameter."""
-        if self.runs_ is not None and isinstance(system, KKTSystem):
-            Z = indicator(self.runs_)
-            if target is not None:
-                given = self.run_variance
-                self.run_variance_ = system.restricted_likelihood(Z, target) if given is None else float(given)
-            if self.run_variance_ > 0.0:
-                system.add_run_biases(Z, self.run_variance_)
-        return system
-
-    def _kkt_system_of(self, X: Array) -> Callable[[Array], KKTSystem | DeviceKKTSystem]:
-        """From gamma v, row by row, to the KKT system of the rows X."""
-        if self.device is not None:
-            return functools.partial(DeviceKKTSystem, self.kernel_name, self.get_params(), X, self.device)
-        smooth, border = self._smooth(X), Border.of(self.straight_columns(X))
-        return functools.partial(KKTSystem, kernel(self.kernel_name, self.get_params(), smooth, smooth), border=border)
+        """The kernel's part of the function for each row of X."""
+        return np.zeros(len(X)) if self.without_kernel else self.functions.sums(X, self.X_fit_, alpha)
 
     def _std(self, X: Array) -> Array:
-        reduction = self._variance_reduction(X)
-        own = kernel_diagonal(self.kernel_name, self.get_params(), self._smooth(X))
-        variance = 1.0 / self.c + self.run_variance_ + own - reduction
+        of_runs = 0.0 if self.runs_ is None else self.run_variance_ * (self.runs_[:, None] == self.runs_)
+        reduction = self.functions.variance_reduction(X, self.X_fit_, self.c * self.weights_, of_runs)
+        variance = 1.0 / self.c + self.run_variance_ + self.functions.own_variance(X) - reduction
         spread = np.sqrt(np.maximum(variance, 0.0))
         return np.asarray(self.scale_ * (spread if self.alpha_.ndim == 1 else spread[:, None]))
-
-    def _variance_reduction(self, X: Array) -> Array:
-        """By how much the training rows reduce the variance of each row of X."""
-        if self.device is not None:
-            system = DeviceKKTSystem(self.kernel_name, self.get_params(), self.X_fit_, self.device, self.c * self.weights_)
-            return system.variance_reduction(X)
-        smooth, border = self._smooth(self.X_fit_), Border.of(self.straight_columns(self.X_fit_))
-        across = kernel(self.kernel_name, self.get_params(), self._smooth(X), smooth)
-        gram = kernel(self.kernel_name, self.get_params(), smooth, smooth) + np.diag(1.0 / (self.c * self.weights_))
-        if self.runs_ is not None:
-            gram += self.run_variance_ * (self.runs_[:, None] == self.runs_)
-        return variance_reduction(gram, across, border, self.straight_columns(X))
-
-
-def _positive_weights(X: Array, y: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Rows, output and weights where the weight is positive."""
-    positive = weight > 0.0
-    if (weight < 0.0).any() or positive.sum() < 2:
-        raise InputError(
-            f"sample_weight has {int((weight < 0.0).sum())} negative and {int(positive.sum())} positive values; weights are zero "
-            "or positive, at least two of them positive"
-        )
-    return (X, y, weight) if positive.all() else (X[positive], y[positive], weight[positive])
 
 
 def _check(model: LSSVMRegressor, features: int) -> None:
@@ -466,7 +374,7 @@ def _check(model: LSSVMRegressor, features: int) -> None:
     require_shape(model, "weights_", len(model.X_fit_))
     if model.runs_ is not None:
         require_shape(model, "runs_", len(model.X_fit_))
-    model.require_linear(features, model.alpha_)
+    model.functions.require_linear(features, model.alpha_)
     if model.straight:
         count = features if model.trend else len(model.linear)
         require_shape(model, "coef_", count)
@@ -482,6 +390,8 @@ def _specification(name: str, **defaults: Any) -> ModelSpecification:
         defaults=defaults,
         batches=batches,
         batches_of=batches_of,
+        beyond=beyond,
+        at_limits=at_limits,
         rmse=rmse_of_batch,
         threads=True,
         reach=1.0,

@@ -1,11 +1,12 @@
 """The search of an LS-SVM's width and c with groups left out, of which every candidate is scored in closed form.
 
-A batch is a width with every c: one decomposition of the kernel matrix, or one pass over many rows, scores it.
+A batch is a width with every c: one decomposition of the kernel matrix, or one pass over many rows, scores it. Where the best
+candidate lies at an edge of the grid, the grid goes on beyond it, as far as :data:`LIMITS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +19,8 @@ from rlgcomp.compensation.models.specification import Candidates, between_and_wi
 
 Array = npt.NDArray[np.float64]
 WITHOUT_KERNEL: Final = 1e-9  # c of which the kernel's part is nothing
+LIMITS: Final = {"sigma": (2.0**-4, 2.0**8), "c": (1e-3, 1e10)}  # sigma in sqrt(features); beyond them rounding decides
+_FURTHER_C: Final = (10.0, 100.0)  # at once, since candidates of one width share a decomposition
 MANY_ROWS: Final = 1500  # beyond which candidates are compared on this number of centres:
 CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel to rounding
 
@@ -46,6 +49,56 @@ def batches_of(model: Any, features: int) -> list[list[dict[str, Any]]]:
     return less
 
 
+def beyond(model: Any, features: int, grid: Sequence[Candidates], best: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
+    """The grid with candidates beyond those edges at which its best one lies; as it is where that lies within, or at the limits.
+
+    Parameters
+    ----------
+    model : LSSVMRegressor
+    features : int
+    grid : sequence of batches
+        From the smoothest candidate to the least smooth.
+    best : mapping
+        The candidate of least error.
+    """
+    further = [[dict(one) for one in batch] for batch in grid]
+    sigma, c = best["sigma"], best["c"]
+    if c == WITHOUT_KERNEL:
+        return further
+    without = [further[0].pop(0)] if further[0][0]["c"] == WITHOUT_KERNEL else []
+    own = next(batch for batch in further if batch[0]["sigma"] == sigma)
+    low, high = _limits(model, features)["c"]
+    if c == own[-1]["c"]:
+        own += [{"sigma": sigma, "c": c * factor} for factor in _FURTHER_C if c * factor <= high]
+    elif c == own[0]["c"]:
+        own[:0] = [{"sigma": sigma, "c": c / factor} for factor in reversed(_FURTHER_C) if c / factor >= low]
+    low, high = _limits(model, features)["sigma"]
+    every_c = [one["c"] for one in own]
+    if own is further[0] and 2.0 * sigma <= high:
+        further.insert(0, [{"sigma": 2.0 * sigma, "c": value} for value in every_c])
+    elif own is further[-1] and 0.5 * sigma >= low:
+        further.append([{"sigma": 0.5 * sigma, "c": value} for value in every_c])
+    further[0][:0] = without
+    return further
+
+
+def at_limits(model: Any, features: int, selected: Mapping[str, Any]) -> dict[str, float]:
+    """Those of the selected parameters that lie where the search ends."""
+    if selected["c"] == WITHOUT_KERNEL:
+        return {}
+    limits = _limits(model, features)
+    return {name: selected[name] for name, (low, high) in limits.items() if not 1.01 * low < selected[name] < 0.99 * high}
+
+
+def _limits(model: Any, features: int) -> dict[str, tuple[float, float]]:
+    unit = float(np.sqrt(max(1, features - len(model.linear))))
+    rounded = 1.0 + 1e-9
+    return {
+        "sigma": (unit * LIMITS["sigma"][0] / rounded, unit * LIMITS["sigma"][1] * rounded),
+        "c": (LIMITS["c"][0] / rounded, LIMITS["c"][1] * rounded),
+    }
+
+
 def rmse_of_batch(model: Any, candidates: Candidates, X: Array, y: Array, groups: npt.NDArray[Any]) -> Array:
     """Errors of candidates of one width with groups left out, between and within the groups, shape (candidates, 2).
 
@@ -68,6 +121,6 @@ def rmse_of_batch(model: Any, candidates: Candidates, X: Array, y: Array, groups
         return fixed_size_rmse(X, y, groups, CENTRES_OF_MANY, sigma, c, run_biases=model.run_variance is None)
     smooth = np.delete(X, list(model.linear), axis=1)
     gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, smooth, smooth)
-    runs, columns = groups if model.run_variance is None else None, model.straight_columns(X)
+    runs, columns = groups if model.run_variance is None else None, model.functions.columns(X)
     residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs, columns=columns)
     return between_and_within(residuals, groups)

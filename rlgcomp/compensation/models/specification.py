@@ -150,6 +150,11 @@ class ModelSpecification:
         Number of features to batches of candidates; a batch is scored in one piece of work.
     batches_of : callable, optional
         The same from the model and the number of features, where the candidates depend on the model's own parameters.
+    beyond : callable, optional
+        Model, number of features, batches and the best candidate to the batches with further candidates beyond the edges of the
+        grid, in the same order; the same batches where there are none.
+    at_limits : callable, optional
+        Model, number of features and the selected parameters to those that lie where the search ends.
     rmse : callable
         Scores a batch: the error of each candidate with groups left out, see :func:`refit_rmse`; or the two parts of that error,
         see :func:`between_and_within`.
@@ -173,6 +178,8 @@ class ModelSpecification:
     check: Callable[[Any, int], None]
     defaults: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     batches_of: Callable[[Any, int], list[list[dict[str, Any]]]] | None = None
+    beyond: Callable[[Any, int, Sequence[Candidates], Mapping[str, Any]], list[list[dict[str, Any]]]] | None = None
+    at_limits: Callable[[Any, int, Mapping[str, Any]], dict[str, float]] | None = None
     rmse: Callable[[Any, Candidates, Array, Array, Labels], Array] = refit_rmse
     threads: bool = False
     reach: float = 0.0

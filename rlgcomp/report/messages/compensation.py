@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 
-def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_deg_h: float) -> str:
+def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_deg_h: float, gyros: int) -> str:
     calibrated = f"The interval was calibrated on {number} {parts}, each left out in turn"
+    if gyros > 1:
+        calibrated += f", with the spread between {parts} from {gyros} gyros of the same recordings"
     if basis == "unknown":
         return (
             "The interval is not known from these runs: their errors and their noise are zero. The span of the bias stands for it."
@@ -44,6 +46,15 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_d
 def _group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
     lacking = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in missing.items())
     return f"{group} omitted: {lacking}; name the column with --map, or leave that run out to use {group}."
+
+
+def _at_limits(*, parameters: Mapping[str, float]) -> str:
+    values = " and ".join(f"{name} = {value:.3g}" for name, value in parameters.items())
+    return (
+        f"The selected {values} lies where the search ends: the runs ask for a smoother or rougher model than any tried, or "
+        "cannot choose one. Train on more runs, or compare with --model dynamic by rlgcomp evaluate on runs that neither has seen; "
+        "the table of the selection has the error of every candidate."
+    )
 
 
 def _streamed(
@@ -91,6 +102,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
         "The simulator's {mechanism} takes no part in the compensation: {reason}. The LS-SVM learns of it what its inputs show."
     ),
     "compensation.group_omitted": _group_omitted,
+    "compensation.at_limits": _at_limits,
     "compensation.not_told_apart": (
         "{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."
     ),
