@@ -157,8 +157,8 @@ class Interval:
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
         spread, gyros = _spread_of_runs(means, len(np.unique(groups))), 1
         if basis == "runs" and other_gyros is not None:
-            others = [[errors_of[rows] for rows in inside] for errors_of in other_gyros]
-            spread, gyros = _pooled_spread(spread, within, others, len(np.unique(groups)))
+            of_others = [[gyro[rows] for rows in inside] for gyro in other_gyros]
+            spread, gyros = _pooled_spread(spread, within, of_others, len(np.unique(groups)))
         degrees_of_freedom = gyros * max(1, len(means) - 1)
         if turn_on_deg_h > 0.0:
             known = (1 if blocks else len(means)) - 1
