@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -21,7 +22,7 @@ from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.telegraph import two_state
+from rlgcomp.diagnosis.telegraph import slow_columns, telegraph, two_state
 from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.variants import gains
 from rlgcomp.recording import Recording
@@ -58,6 +59,7 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
     (({"mode_hop": {"step_deg_h": 0.01, "threshold_degC": 22.0}},), ["mode_hop"]),
     (({"thermal_lag": {"k_deg_h_K": 2e-3, "time_constant_s": 1500.0}},), ["thermal_lag"]),
     (({"warm_up": {"initial_deg_h": 0.02, "time_constant_s": 2000.0}},), ["warm_up"]),
+    (({"temperature_rate": {"k_deg_h_min_K": 0.004}}, {"rate_asymmetry": {"k_deg_h_min_K": 0.004}}), ["rate_asymmetry"]),
     (({"random_telegraph": {"half_step_deg_h": 0.01, "dwell_s": 2500.0}},), ["random_telegraph"]),
     (({"periodic_interference": {"frequency_hz": 1.0 / 1300.0}},), ["periodic_interference"]),
     (({"magnetic_field": {"k_deg_h_uT": 0.002}}, {"discharge_imbalance": {}}), ["discharge_imbalance", "magnetic_field"]),
@@ -250,16 +252,42 @@ def test_whitened_noise_is_white(data: Data) -> None:
     assert abs(np.mean(white[1:] * white[:-1])) < 0.02
 
 
-def test_two_state_recursions_sum_over_all_paths() -> None:
+@pytest.mark.parametrize("of_dwells", [1.0, 3.0])
+def test_two_state_recursions_sum_over_all_paths(of_dwells: float) -> None:
     ratio, flip = np.array([0.7, -1.2, 0.4, 2.0]), 0.2
-    total, mean = 0.0, np.zeros(4)
+    leave = {1.0: flip / np.sqrt(of_dwells), -1.0: flip * np.sqrt(of_dwells)}
+    begin = {1.0: of_dwells / (1.0 + of_dwells), -1.0: 1.0 / (1.0 + of_dwells)}
+    total, mean, jumps = 0.0, np.zeros(4), 0.0
     for number in range(16):
         path = np.array([1.0 if number >> k & 1 else -1.0 for k in range(4)])
-        weight = 0.5 * np.prod(np.where(path[1:] == path[:-1], 1.0 - flip, flip)) * np.exp(0.5 * path @ ratio)
-        total, mean = total + weight, mean + weight * path
-    log_likelihood, found, _ = two_state(ratio, flip)
+        steps = [leave[a] if b != a else 1.0 - leave[a] for a, b in itertools.pairwise(path)]
+        weight = begin[path[0]] * np.prod(steps) * np.exp(0.5 * path @ ratio)
+        total, mean, jumps = total + weight, mean + weight * path, jumps + weight * np.sum(path[1:] != path[:-1])
+    log_likelihood, found, changes = two_state(ratio, flip, ratio=of_dwells)
     assert log_likelihood == pytest.approx(np.log(total))
     assert found == pytest.approx(mean / total)
+    assert changes == pytest.approx(jumps / total)
+
+
+def test_a_two_state_process_beside_slow_noise_keeps_its_size(data: Data) -> None:
+    """Under white noise alone it takes up a random walk, or further members do."""
+    noise, rng = Noise(flicker=0.35, walk=3.0), np.random.default_rng(5)
+    length = max(len(run.full) for run in data.runs)
+    roots = [np.linalg.cholesky(noise.covariance(run.windows, run.white, length)) for run in data.runs]
+    path = np.where(np.cumsum(rng.random(len(data)) < 0.04) % 2, 1.0, -1.0)
+    output = 2.5 * path + np.concatenate([root @ rng.standard_normal(len(root)) for root in roots])
+    runs = [dataclasses.replace(run, output=output[rows]) for run, rows in zip(data.runs, data.slices, strict=True)]
+    data, design = Data(tuple(runs)), np.ones((len(data), 1))
+    columns, rest = slow_columns(data, noise)
+    course = np.convolve(output, np.ones(5) / 5, "same")
+    white = telegraph(data, design, np.empty((len(data), 0)), [course], data.white)
+    assert white is not None
+    found = telegraph(data, design, columns, [white], data.white + rest)
+    assert found is not None
+    assert found.log_evidence > white.log_evidence + 20.0
+    assert found.half_step == pytest.approx(2.5, abs=0.15)
+    assert found.sigma == pytest.approx(1.0, abs=0.1)
+    assert np.mean(np.sign(found.path) == path) > 0.97
 
 
 def test_bases_have_the_memory_that_they_name(data: Data) -> None:

@@ -75,6 +75,21 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Fami
     return [*families, *before, *after]
 
 
+def reversible(driver: Driver, levels: int) -> Family:
+    """Relays of smooth density and a function without memory of the same driver: what switches back at once is part of a loop.
+
+    M. Krasnosel'skii, A. Pokrovskii, Systems with Hysteresis, Springer, 1989; Mayergoyz calls it the reversible component.
+
+    Parameters
+    ----------
+    driver : Driver
+    levels : int
+        Of the Preisach plane.
+    """
+    leads: list[tuple[Basis, ...]] = [(Preisach(driver, r, True, w, levels), Smooth(Path(driver))) for r, w in _DENSITIES]
+    return Family("b = f(u) + relays of smooth density", leads, _departures_of_loops(driver, levels))
+
+
 def hysteresis(setting: Setting) -> list[Family]:
     """Of the temperature, as a sum of single relays as well."""
     driver = setting.temperature

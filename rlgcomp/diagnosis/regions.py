@@ -18,7 +18,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, EachRun, Magnitude, Own, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, with_relays
+from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, with_relays
 from rlgcomp.diagnosis.memories import Conduction, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import symmetric_laws
@@ -53,11 +53,15 @@ def _rate(setting: Setting) -> list[Family]:
 
 
 def _rate_magnitude(setting: Setting) -> list[Family]:
-    rate = Path.rate(setting.data, setting.temperature)
-    leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in Path.rates(setting.data, setting.temperature)]
+    """Of the magnitude alone, or heating and cooling each by a coefficient or a function of its own."""
+    rate, rates = Path.rate(setting.data, setting.temperature), Path.rates(setting.data, setting.temperature)
+    leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in rates]
+    both: list[tuple[Basis, ...]] = [(Magnitude(one), Power(one)) for one in rates]
     return [
         Family("b = k |dT/dt|", leads, departures(rate), 2.0, (Shift,)),
         Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], departures(rate), 1.0, (Shift,)),
+        Family("b = k_heating max(dT/dt, 0) + k_cooling min(dT/dt, 0)", both, departures(rate), 0.5, (Shift,)),
+        Family("b = function of dT/dt, not odd", [(Magnitude(rate), Power(rate), Smooth(rate))], departures(rate), 0.5, (Shift,)),
     ]
 
 
@@ -313,7 +317,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
             families = [Family(f"b = k lag({column}, time_constant_s)", late, kin)]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
-            families = hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS)
+            families = [*hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS), reversible(driver, priors.LAW_LEVELS)]
             yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -12,14 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors
-from rlgcomp.diagnosis.evidence import Conditional, Member
+from rlgcomp.diagnosis.evidence import Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.members import WORTH_MORE
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.pairs import likeliest_pairs
 from rlgcomp.diagnosis.selections import selections
 from rlgcomp.diagnosis.states import MOST, ROUNDS_OF_ERRORS, WITHIN_REACH, State, States
-from rlgcomp.diagnosis.telegraph import telegraph
+from rlgcomp.diagnosis.telegraph import Telegraph, slow_columns, telegraph
 from rlgcomp.diagnosis.terms import Form, Region
 
 Array = npt.NDArray[np.float64]
@@ -195,14 +197,48 @@ class Search(States):
                 found_errors = self._errors_of(State(members, Noise(errors=errors), 0.0))
                 errors = None if found_errors is None else found_errors.without_outliers
             white = self.bank.data.white + (0.0 if errors is None else errors.variances)
-            seen = telegraph(self.bank.data, self.bank.design, table, self._slow(table), white)
+            noise = self.calmest(errors)
+            seen = self._telegraph(table, self._slow(table), white, noise)
             if seen is None:
                 continue
-            log_point = seen.log_evidence + self.log_prior(members) + math.log(priors.NAMED_ODDS)
-            state = State(members, Noise(errors=errors), log_point, telegraph=seen)
+            state = self._with(seen, members, noise)
+            slower = self._noise_beside(seen.path, members, noise)
+            if slower != noise:
+                again = self._telegraph(table, [seen], white, slower)
+                state = max(
+                    (state, *([] if again is None else [self._with(again, members, slower)])), key=lambda one: one.log_point
+                )
             self.visit(state)
             found.append(state)
         return found
+
+    def _with(self, seen: Telegraph, members: Set, noise: Noise) -> State:
+        log_point = seen.log_evidence + self.log_prior(members) + math.log(priors.NAMED_ODDS) + self.log_prior_of(noise)
+        return State(members, noise, log_point, telegraph=seen)
+
+    def _telegraph(self, table: Array, starts: Sequence[Array | Telegraph], white: Array, noise: Noise) -> Telegraph | None:
+        """A two-state process beside columns of a set, under a noise of the gyro."""
+        if noise.of_gyro != Noise():
+            slow, rest = slow_columns(self.bank.data, noise)
+            table, white = np.hstack([table, slow]), white + rest
+        return telegraph(self.bank.data, self.bank.design, table, starts, white)
+
+    def _noise_beside(self, path: Array, members: Set, noise: Noise) -> Noise:
+        """The likeliest noise beside a set and a two-state path that is taken as known, climbing over the grid from one."""
+        bank = Bank(self.bank.data, np.column_stack([self.bank.design, path]), self.bank.baseline)
+        possible = tuple(member for member in members if bank.scaled(member.form) is not None)
+
+        @functools.cache
+        def value(one: Noise) -> float:
+            return Evidence(bank, one, 0.0).log_evidence(possible) + self.log_prior_of(one)
+
+        best = max((noise, *self._climbed_from(noise)), key=value)
+        while True:
+            around = [one for one in self.hypotheses.neighbours(best) if one.of_gyro in self.noise_log_prior]
+            nearer = max((best, *around), key=value)
+            if nearer == best:
+                return best
+            best = nearer
 
     def _unwhitened(self, member: Member) -> Array:
         scaled = self.bank.scaled(member.form) or ()

@@ -1,10 +1,11 @@
 r"""The two-state hypothesis: beside a set, the bias jumps between two values at random times.
 
-.. math:: y = X\beta + A w + a z + \epsilon, \qquad z_t = \pm 1, \quad P(z_{t+1} \ne z_t) = p
+.. math:: y = X\beta + A w + a z + \epsilon, \qquad z_t = \pm 1, \quad P(z_{t+1} \ne z_t \mid z_t = \pm 1) = p_\pm
 
-with white noise. The path is summed over by the forward recursion; β, w, a and σ are found by expectation and maximisation, their
-volume by Laplace's approximation with the information of a known path, which states the evidence a little too small; the dwell time
-is summed over a grid.
+with white noise; slow noise stands among the columns A as a sum over its principal directions (:func:`slow_columns`). The path is
+summed over by the forward recursion; β, w, a and σ are found by expectation and maximisation, their volume by Laplace's
+approximation with the information of a known path, which states the evidence a little too small; mean dwell time and ratio of the
+two dwells are summed over a grid.
 
 References
 ----------
@@ -16,13 +17,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.data import Data, Known
+from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
@@ -30,8 +32,13 @@ IntArray = npt.NDArray[np.intp]
 _ONE_CHAIN: Final = np.zeros(1, np.intp)
 _DWELLS: Final = 5  # from a few windows to a run length, in equal ratios
 _SHORTEST: Final = 4.0  # windows
+_RATIOS: Final = {1.0: 0.5, 3.0: 0.25, 1.0 / 3.0: 0.25}  # of the dwells in the two states, with their probabilities
+_UNSEEN: Final = 0.03  # of the white noise's variance, below which a direction of slow noise counts as white
 _ROUNDS: Final = 40
 _SAME: Final = 1e-3  # nats of one round
+_ROUNDS_OF_TURNS: Final = 3
+_MOST_TURNS: Final = 60
+_WORTH: Final = 0.3  # nats that a turned part must gain
 _FEWEST_JUMPS: Final = 2.0
 _CLEAR: Final = 5.0  # standard deviations of the half step, for Laplace's approximation
 
@@ -45,13 +52,15 @@ class Telegraph:
     half_step, sigma : float
         In the unit of the output.
     dwell : float
-        Mean time in a state, in windows.
+        Mean time in a state, in windows: the geometric mean of the two.
     path : ndarray, shape (n,)
         Posterior mean of the state in each window, -1 to 1.
     jumps : float
         Posterior mean of the number of jumps.
     log_evidence : float
         On the scale of :class:`~rlgcomp.diagnosis.evidence.Evidence`.
+    ratio : float
+        Of the mean times in the upper and in the lower state.
     """
 
     half_step: float
@@ -60,9 +69,10 @@ class Telegraph:
     path: Array
     jumps: float
     log_evidence: float
+    ratio: float = 1.0
 
 
-def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array], white: Array) -> Telegraph | None:
+def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | Telegraph], white: Array) -> Telegraph | None:
     """The likeliest two-state process beside a set; None where none is clear of the noise.
 
     Parameters
@@ -72,106 +82,194 @@ def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array], 
         Columns of the baseline, flat.
     table : ndarray, shape (n, r)
         Columns of the set, weights of variance σ².
-    starts : sequence of ndarray, shape (n,)
-        Slow courses of the output from which the path is begun.
+    starts : sequence of ndarray, shape (n,), or Telegraph
+        Slow courses of the output from which the path is begun, or one that was found.
     white : ndarray, shape (n,)
         Variance of the white noise, over that of a window mean.
     """
-    root = np.sqrt(white)
-    output, columns = data.output / root, np.hstack([design, table]) / root[:, None]
-    precision = np.diag(np.r_[np.zeros(design.shape[1]), np.ones(table.shape[1])])
-    solve = np.linalg.solve(columns.T @ columns + precision, columns.T)
-    longest = max(len(run.full) for run in data.runs)
-    best: Telegraph | None = None
-    values = []
-    for dwell in np.geomspace(_SHORTEST, 0.5 * longest, _DWELLS):
-        found = [_fitted(data, output, columns, precision, solve, root, 1.0 / dwell, start) for start in starts]
-        likeliest = max(found, key=lambda one: one.log_evidence)
-        values.append(likeliest.log_evidence)
-        if best is None or likeliest.log_evidence > best.log_evidence:
-            best = likeliest
-    assert best is not None  # noqa: S101
-    if best.jumps < _FEWEST_JUMPS or best.half_step * math.sqrt(len(output)) < _CLEAR * best.sigma:
-        return None
-    top = max(values)
-    mean = top + math.log(sum(math.exp(value - top) for value in values) / len(values))
-    return dataclasses.replace(best, log_evidence=mean)
-
-
-def _fitted(
-    data: Data, output: Array, columns: Array, precision: Array, solve: Array, root: Array, flip: float, start: Array
-) -> Telegraph:
-    """Expectation and maximisation from a slow course of the output."""
-    path = np.sign(start - np.median(start)) + 0.0
-    size, before = float(np.std(start)), -math.inf
-    freedom = len(output) - int(len(precision) - precision.trace())
-    scale, inverse = np.zeros(1), 1.0 / root**2
-    begins = np.array([rows.start for rows in data.slices])
-    for _ in range(_ROUNDS):
-        weights = solve @ (output - size * path / root)
-        left = (output - columns @ weights) * root  # in the unit of the output
-        size = max(float(np.sum(path * left * inverse) / np.sum(inverse)), 1e-300)
-        square = np.sum((left**2 - 2.0 * size * path * left + size**2) * inverse) + weights @ precision @ weights
-        variance = (float(square) + data.known.square) / (freedom + data.known.windows)
-        log_likelihood, path, jumps = two_state(2.0 * size / variance * left * inverse, flip, begins)
-        square_about = np.sum((left**2 + size**2) * inverse)
-        log_likelihood -= 0.5 * float(square_about) / variance
-        scale = weights
-        if log_likelihood - before < _SAME and log_likelihood >= before:
+    problem = _Problem.of(data, design, table, white)
+    found = problem.over_dwells(starts)
+    for _ in range(_ROUNDS_OF_TURNS):
+        moved = dataclasses.replace(found, path=problem.turned(found))
+        if np.array_equal(moved.path, np.sign(found.path)):
             break
-        before = log_likelihood
-    return Telegraph(
-        size,
-        math.sqrt(variance),
-        1.0 / flip,
-        path,
-        jumps,
-        _log_evidence(log_likelihood, variance, size, freedom, columns, precision, scale, root, data.known),
-    )
+        again = problem.over_dwells([moved])
+        if again.log_evidence < found.log_evidence + _SAME:
+            break
+        found = again
+    if found.jumps < _FEWEST_JUMPS or found.half_step * math.sqrt(len(data)) < _CLEAR * found.sigma:
+        return None
+    return found
 
 
-def _log_evidence(
-    log_likelihood: float,
-    variance: float,
-    size: float,
-    freedom: int,
-    columns: Array,
-    precision: Array,
-    weights: Array,
-    root: Array,
-    known: Known,
-) -> float:
-    """Laplace's approximation of the integral over β, w, a and σ; constants as in a Gaussian evidence without its own.
+def slow_columns(data: Data, noise: Noise) -> tuple[Array, Array]:
+    """Slow noise as columns with weights of variance σ², and the variance that its other directions add to the white noise.
 
-    The Gaussian evidence leaves out log Γ(g/2) - log 2 - (f/2) log π + (g - f)/2 log 2 of f degrees of freedom, of g with the
-    windows that stated noise counts for.
+    Parameters
+    ----------
+    data : Data
+    noise : Noise
+        Of the gyro.
+
+    Returns
+    -------
+    columns : ndarray, shape (n, m)
+    rest : ndarray, shape (n,)
+        Over the variance of the white noise of a window mean.
     """
-    n = len(root)
-    flat = n - freedom
-    total = log_likelihood - 0.5 * n * math.log(2.0 * math.pi * variance) - float(np.sum(np.log(root)))
-    total -= 0.5 * float(weights @ precision @ weights) / variance
-    _, log_det = np.linalg.slogdet(columns.T @ columns + precision)
-    total += 0.5 * flat * math.log(2.0 * math.pi * variance) - 0.5 * float(log_det)
-    all_of_them = freedom + known.windows
-    total -= 0.5 * (known.windows * math.log(variance) + known.square / variance)
-    total += 0.5 * math.log(math.pi / all_of_them)  # of log σ
-    relative_error = math.sqrt(variance / n) / size  # of log a
-    total += math.log(math.sqrt(2.0 * math.pi) * relative_error / math.log(priors.SIZES[-1] / priors.SIZES[0]))
-    left_out = math.lgamma(0.5 * all_of_them) - math.log(2.0) - 0.5 * freedom * math.log(math.pi)
-    return total - (left_out + 0.5 * known.windows * math.log(2.0))
+    length = max(len(run.full) for run in data.runs)
+    blocks, rest = [], np.zeros(len(data))
+    for run, rows in zip(data.runs, data.slices, strict=True):
+        values, vectors = np.linalg.eigh(noise.of_run(run, length) - np.diag(run.white))
+        seen = values > _UNSEEN
+        block = np.zeros((len(data), int(seen.sum())))
+        block[rows] = vectors[:, seen] * np.sqrt(values[seen])
+        rest[rows] = float(np.sum(np.maximum(values[~seen], 0.0))) / len(values)
+        blocks.append(block)
+    return np.hstack(blocks), rest
 
 
-def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN) -> tuple[float, Array, float]:
-    """Forward and backward recursions of a symmetric two-state chain.
+def _begun(start: Array | Telegraph, ratio: float) -> tuple[Array, float]:
+    """A first path and its half step; the upper state has its share of the time."""
+    if isinstance(start, Telegraph):
+        return start.path, start.half_step
+    return np.sign(start - np.quantile(start, 1.0 / (1.0 + ratio))) + 0.0, float(np.std(start))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Problem:
+    """Output and columns over the standard deviations of the white noise, and what follows from them for all paths.
+
+    Parameters
+    ----------
+    data : Data
+    output : ndarray, shape (n,)
+    columns : ndarray, shape (n, m)
+        Of the baseline, flat, and then of the set.
+    flat : int
+        Of them, of the baseline.
+    root : ndarray, shape (n,)
+        The standard deviations, over that of a window mean.
+    solve : ndarray, shape (m, n)
+        The weights of an output.
+    log_det : float
+        Of the information of the weights.
+    """
+
+    data: Data
+    output: Array
+    columns: Array
+    flat: int
+    root: Array
+    solve: Array
+    log_det: float
+
+    @classmethod
+    def of(cls, data: Data, design: Array, table: Array, white: Array) -> Self:
+        """Of arguments of :func:`telegraph`."""
+        root, flat = np.sqrt(white), design.shape[1]
+        columns = np.hstack([design, table]) / root[:, None]
+        information = columns.T @ columns
+        information[range(flat, len(information)), range(flat, len(information))] += 1.0
+        solve, log_det = np.linalg.solve(information, columns.T), float(np.linalg.slogdet(information)[1])
+        return cls(data, data.output / root, columns, flat, root, solve, log_det)
+
+    def over_dwells(self, starts: Sequence[Array | Telegraph]) -> Telegraph:
+        """The likeliest process, its evidence summed over mean dwell times and ratios of the two dwells."""
+        longest = max(len(run.full) for run in self.data.runs)
+        found, values = [], []
+        for dwell in np.geomspace(_SHORTEST, 0.5 * longest, _DWELLS):
+            for ratio, share in _RATIOS.items():
+                fitted = [self.fitted(float(dwell), ratio, *_begun(start, ratio)) for start in starts]
+                likeliest = max(fitted, key=lambda one: one.log_evidence)
+                values.append(likeliest.log_evidence + math.log(share / _DWELLS))
+                found.append(likeliest)
+        top = max(values)
+        total = top + math.log(sum(math.exp(value - top) for value in values))
+        return dataclasses.replace(found[int(np.argmax(values))], log_evidence=total)
+
+    def fitted(self, dwell: float, ratio: float, path: Array, size: float) -> Telegraph:
+        """Expectation and maximisation from a first path and its half step."""
+        data, root, before = self.data, self.root, -math.inf
+        freedom, inverse = len(root) - self.flat, 1.0 / root**2
+        begins = np.array([rows.start for rows in data.slices])
+        for _ in range(_ROUNDS):
+            weights = self.solve @ (self.output - size * path / root)
+            left = (self.output - self.columns @ weights) * root  # in the unit of the output
+            size = max(float(np.sum(path * left * inverse) / np.sum(inverse)), 1e-300)
+            square = np.sum((left**2 - 2.0 * size * path * left + size**2) * inverse) + np.sum(weights[self.flat :] ** 2)
+            variance = (float(square) + data.known.square) / (freedom + data.known.windows)
+            log_likelihood, path, jumps = two_state(2.0 * size / variance * left * inverse, 1.0 / dwell, begins, ratio)
+            log_likelihood -= 0.5 * float(np.sum((left**2 + size**2) * inverse)) / variance
+            if log_likelihood - before < _SAME and log_likelihood >= before:
+                break
+            before = log_likelihood
+        value = self._log_evidence(log_likelihood, variance, size, weights)
+        return Telegraph(size, math.sqrt(variance), dwell, path, jumps, value, ratio)
+
+    def _log_evidence(self, log_likelihood: float, variance: float, size: float, weights: Array) -> float:
+        """Laplace's approximation of the integral over β, w, a and σ; constants as in a Gaussian evidence without its own.
+
+        The Gaussian evidence leaves out log Γ(g/2) - log 2 - (f/2) log π + (g - f)/2 log 2 of f degrees of freedom, of g with the
+        windows that stated noise counts for.
+        """
+        n, known = len(self.root), self.data.known
+        freedom = n - self.flat
+        total = log_likelihood - 0.5 * n * math.log(2.0 * math.pi * variance) - float(np.sum(np.log(self.root)))
+        total -= 0.5 * float(np.sum(weights[self.flat :] ** 2)) / variance
+        total += 0.5 * self.flat * math.log(2.0 * math.pi * variance) - 0.5 * self.log_det
+        all_of_them = freedom + known.windows
+        total -= 0.5 * (known.windows * math.log(variance) + known.square / variance)
+        total += 0.5 * math.log(math.pi / all_of_them)  # of log σ
+        relative_error = math.sqrt(variance / n) / size  # of log a
+        total += math.log(math.sqrt(2.0 * math.pi) * relative_error / math.log(priors.SIZES[-1] / priors.SIZES[0]))
+        left_out = math.lgamma(0.5 * all_of_them) - math.log(2.0) - 0.5 * freedom * math.log(math.pi)
+        return total - (left_out + 0.5 * known.windows * math.log(2.0))
+
+    def turned(self, found: Telegraph) -> Array:
+        """The path of a process with parts of runs turned to the other state, one by one, as long as that is likelier.
+
+        No expectation leads from a path to one that is turned between two of its jumps, where slow noise has met the error.
+        """
+        path = np.where(found.path < 0.0, -1.0, 1.0)
+        cost = math.log(max(found.dwell - 1.0, 1.0))  # of a jump
+        for _ in range(_MOST_TURNS):
+            best, part = 0.0, slice(0)
+            left = self._left(self.output - found.half_step * path / self.root)
+            for rows in self.data.slices:
+                turn = 2.0 * found.half_step * path[rows] / self.root[rows]
+                metric = np.eye(rows.stop - rows.start) - self.columns[rows] @ self.solve[:, rows]
+                both = np.pad(np.cumsum(np.cumsum(turn[:, None] * metric * turn, axis=0), axis=1), ((1, 0), (1, 0)))
+                along = np.r_[0.0, np.cumsum(turn * left[rows])]
+                jumps = np.r_[0.0, np.where(path[rows][1:] != path[rows][:-1], cost, -cost), 0.0]  # ends of a run cost nothing
+                square = np.add.outer(np.diag(both), np.diag(both)) - both - both.T
+                gain = np.add.outer(jumps, jumps) - (0.5 * square + along - along[:, None]) / found.sigma**2
+                gain[np.tril_indices(len(gain))] = -math.inf
+                k, end = np.unravel_index(int(np.argmax(gain)), gain.shape)
+                if gain[k, end] > best:
+                    best, part = float(gain[k, end]), slice(rows.start + int(k), rows.start + int(end))
+            if best < _WORTH:
+                break
+            path[part] *= -1.0
+        return path
+
+    def _left(self, output: Array) -> Array:
+        return np.asarray(output - self.columns @ (self.solve @ output))
+
+
+def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN, ratio: float = 1.0) -> tuple[float, Array, float]:
+    """Forward and backward recursions of a two-state chain.
 
     Parameters
     ----------
     log_ratio : ndarray, shape (n,)
         Log likelihood of state +1 over that of -1; half of it is taken for each, with opposite signs.
     flip : float
-        Probability of a change between neighbours.
+        Probability of a change between neighbours: the geometric mean of those from either state.
     begins : ndarray of int
         Where chains that are independent begin.
+    ratio : float
+        Of the mean times in state +1 and in state -1.
 
     Returns
     -------
@@ -183,21 +281,25 @@ def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN) -> t
     """
     half = 0.5 * np.clip(log_ratio, -600.0, 600.0)
     mean, scales = np.empty(len(half)), np.empty(len(half))
-    flips = np.full(len(half), flip)
-    flips[begins] = 0.5  # from one run to the next nothing is known
-    changes = _recursions(np.exp(half - np.abs(half)), np.exp(-half - np.abs(half)), flips, mean, scales)
+    begin = np.zeros(len(half), np.bool_)
+    begin[begins] = True  # from one run to the next nothing is known
+    leave_up, leave_down = min(flip / math.sqrt(ratio), 0.5), min(flip * math.sqrt(ratio), 0.5)
+    likelihoods = np.exp(half - np.abs(half)), np.exp(-half - np.abs(half))
+    changes = _recursions(*likelihoods, begin, leave_up, leave_down, mean, scales)
     return float(np.sum(np.log(scales)) + np.sum(np.abs(half))), mean, float(changes)
 
 
 @compiled()
-def _recursions(up: Array, down: Array, flips: Array, mean: Array, scales: Array) -> float:
+def _recursions(
+    up: Array, down: Array, begin: npt.NDArray[np.bool_], leave_up: float, leave_down: float, mean: Array, scales: Array
+) -> float:
     """Fill posterior means and scales of the forward recursion; the number of changes."""
     n = len(up)
     forward = np.empty(n)
-    plus = 0.5
+    usual = leave_down / (leave_up + leave_down)  # share of the time in the upper state
+    plus = usual
     for k in range(n):
-        if k > 0:
-            plus = (1.0 - flips[k]) * plus + flips[k] * (1.0 - plus)
+        plus = usual if begin[k] else (1.0 - leave_up) * plus + leave_down * (1.0 - plus)
         a, b = plus * up[k], (1.0 - plus) * down[k]
         scales[k] = a + b
         plus = a / (a + b)
@@ -207,14 +309,17 @@ def _recursions(up: Array, down: Array, flips: Array, mean: Array, scales: Array
         on, off = forward[k] * beta_up, (1.0 - forward[k]) * beta_down
         mean[k] = (on - off) / (on + off)
         if k > 0:
-            flip, stay = flips[k], 1.0 - flips[k]
             to_up, to_down = up[k] * beta_up / scales[k], down[k] * beta_down / scales[k]
-            before = forward[k - 1]
-            crossing = flip * (before * to_down + (1.0 - before) * to_up)
-            staying = stay * (before * to_up + (1.0 - before) * to_down)
-            if flip < 0.5:
+            if begin[k]:
+                beta_up = usual * to_up + (1.0 - usual) * to_down
+                beta_down = beta_up
+            else:
+                before = forward[k - 1]
+                crossing = before * leave_up * to_down + (1.0 - before) * leave_down * to_up
+                staying = before * (1.0 - leave_up) * to_up + (1.0 - before) * (1.0 - leave_down) * to_down
                 changes += crossing / (crossing + staying)
-            beta_up, beta_down = stay * to_up + flip * to_down, stay * to_down + flip * to_up
+                beta_up = (1.0 - leave_up) * to_up + leave_up * to_down
+                beta_down = (1.0 - leave_down) * to_down + leave_down * to_up
             largest = max(beta_up, beta_down)
             beta_up, beta_down = beta_up / largest, beta_down / largest
     return changes
