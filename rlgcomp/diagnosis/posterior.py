@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.mismatch import screened
@@ -18,7 +19,11 @@ from rlgcomp.diagnosis.states import Key, State
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 
+Array = npt.NDArray[np.float64]
 _PROVED: Final = 3  # sets that are tried with a two-state process beside them
+_PATHS: Final = 2  # of two-state processes, beside each of which the search runs again
+_SAME_PATH: Final = 0.02  # on average, is no difference
+_INSTEAD: Final = 40.0  # nats behind a set with a wander, up to which a two-state path may stand in its place once its set is known
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,15 +59,22 @@ class Posterior:
         if bank.data.turns:
             return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
-        best = max(jumping, key=lambda state: state.log_posterior, default=None)
-        if best is not None and best.log_posterior > states[0].log_posterior:
+        paths: list[Array] = []
+        while len(paths) < _PATHS and (best := max(jumping, key=lambda state: state.log_posterior, default=None)) is not None:
+            top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
             assert best.telegraph is not None  # noqa: S101
-            with_path = Search(Bank(bank.data, np.column_stack([bank.design, best.telegraph.path]), bank.baseline), regions)
+            path = best.telegraph.path
+            if best.log_posterior < top - (_INSTEAD if states[0].noise.wander else 0.0):
+                break
+            if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
+                break
+            paths.append(path)
+            with_path = Search(Bank(bank.data, np.column_stack([bank.design, path]), bank.baseline), regions)
             for state in with_path.run()[:_PROVED]:
                 for member in state.members:
                     search.bank.prepare([member.form])
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
-                search.with_telegraph([dataclasses.replace(state, members=possible)])
+                jumping += search.with_telegraph([dataclasses.replace(state, members=possible)])
         ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
         return cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
 

@@ -53,7 +53,7 @@ def _rate(setting: Setting) -> list[Family]:
 
 
 def _rate_magnitude(setting: Setting) -> list[Family]:
-    """Of the magnitude alone, or heating and cooling each by a coefficient or a function of its own."""
+    """Of the magnitude alone, or heating and cooling each by a coefficient of its own: one asymmetric response."""
     rate, rates = Path.rate(setting.data, setting.temperature), Path.rates(setting.data, setting.temperature)
     leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in rates]
     both: list[tuple[Basis, ...]] = [(Magnitude(one), Power(one)) for one in rates]
@@ -61,7 +61,6 @@ def _rate_magnitude(setting: Setting) -> list[Family]:
         Family("b = k |dT/dt|", leads, departures(rate), 2.0, (Shift,)),
         Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], departures(rate), 1.0, (Shift,)),
         Family("b = k_heating max(dT/dt, 0) + k_cooling min(dT/dt, 0)", both, departures(rate), 0.5, (Shift,)),
-        Family("b = function of dT/dt, not odd", [(Magnitude(rate), Power(rate), Smooth(rate))], departures(rate), 0.5, (Shift,)),
     ]
 
 

@@ -16,7 +16,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors
 from rlgcomp.diagnosis.evidence import Conditional, Evidence, Member, Set
-from rlgcomp.diagnosis.members import WORTH_MORE
+from rlgcomp.diagnosis.members import WORTH, WORTH_MORE
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.pairs import likeliest_pairs
 from rlgcomp.diagnosis.selections import selections
@@ -131,7 +131,7 @@ class Search(States):
         for _ in range(3):
             best = max(self.visited.values(), key=lambda state: state.log_posterior)
             for k in range(len(best.members)):
-                fewer = self.converged((*best.members[:k], *best.members[k + 1 :]))
+                fewer = self._fewer(best, (best.members[k],))
                 self._absorbed(fewer, best.members[k])
                 others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
                 for child in others[:3]:
@@ -141,12 +141,25 @@ class Search(States):
             if max(self.visited.values(), key=lambda state: state.log_posterior) is best:
                 return
 
+    def _fewer(self, best: State, dropped: Sequence[Member]) -> State:
+        """The likeliest set without some of its members, beside the errors of its drivers, chosen again if it is near."""
+        members = tuple(member for member in best.members if member not in dropped)
+        found = best
+        for noise in dict.fromkeys((best.noise, dataclasses.replace(best.noise, wander=0.0, wander_time=Noise.wander_time))):
+            key = State(members, noise, 0.0).key
+            known = self.visited.get(key)
+            found = self.converged(members, noise)
+            better = known is None or found.log_point > known.log_point + WORTH
+            if better and found.log_posterior > best.log_posterior - _WITHIN:
+                found = self.refined(found)
+        return found
+
     def _exchange_pairs(self) -> None:
         """From the likeliest set of three: each two members exchanged for two other regions; those of two are beside the null."""
         best = max(self.visited.values(), key=lambda state: state.log_posterior)
         if len(best.members) == _EXCHANGED:
             for two in itertools.combinations(best.members, 2):
-                self._pairs(self.converged(tuple(member for member in best.members if member not in two)))
+                self._pairs(self._fewer(best, two))
             if max(self.visited.values(), key=lambda state: state.log_posterior) is not best:
                 self._exchange()
 
@@ -170,9 +183,8 @@ class Search(States):
                 continue
             alone = (child for child in others if self.regions[child.members[-1].form.region].drivers == (column,))
             child = next((child for child in alone if not self.is_law(child.members[-1].form.region)), None)
-            if child is None:
-                return
-            members = (*members, child.members[-1])
+            if child is not None:
+                members = (*members, child.members[-1])
         if frozenset(member.form.region for member in members) not in {key for key, _ in self.visited}:
             self.refined(self.converged(members, fewer.noise))
 
