@@ -135,22 +135,25 @@ class Search(States):
                 self._absorbed(fewer, best.members[k])
                 others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
                 for child in others[:3]:
-                    if child.key not in self.visited and child.log_posterior > best.log_posterior - _WITHIN:
+                    if self._ahead(child) and child.log_posterior > best.log_posterior - _WITHIN:
                         self.refined(child)
                 self._parted(self.regions[best.members[k].form.region], fewer, others)
             if max(self.visited.values(), key=lambda state: state.log_posterior) is best:
                 return
+
+    def _ahead(self, state: State, known: State | None = None) -> bool:
+        """Whether a state is likelier than the set of the same regions that was visited, or none was."""
+        known = known or self.visited.get(state.key)
+        return known is None or state.log_point > known.log_point + WORTH
 
     def _fewer(self, best: State, dropped: Sequence[Member]) -> State:
         """The likeliest set without some of its members, beside the errors of its drivers, chosen again if it is near."""
         members = tuple(member for member in best.members if member not in dropped)
         found = best
         for noise in dict.fromkeys((best.noise, dataclasses.replace(best.noise, wander=0.0, wander_time=Noise.wander_time))):
-            key = State(members, noise, 0.0).key
-            known = self.visited.get(key)
+            known = self.visited.get(State(members, noise, 0.0).key)
             found = self.converged(members, noise)
-            better = known is None or found.log_point > known.log_point + WORTH
-            if better and found.log_posterior > best.log_posterior - _WITHIN:
+            if (known is None or self._ahead(found, known)) and found.log_posterior > best.log_posterior - _WITHIN:
                 found = self.refined(found)
         return found
 
@@ -185,8 +188,9 @@ class Search(States):
             child = next((child for child in alone if not self.is_law(child.members[-1].form.region)), None)
             if child is not None:
                 members = (*members, child.members[-1])
-        if frozenset(member.form.region for member in members) not in {key for key, _ in self.visited}:
-            self.refined(self.converged(members, fewer.noise))
+        noise = fewer.noise
+        if len(members) > len(fewer.members) and State(members, noise, 0.0).key not in self.visited:
+            self.refined(self.converged(members, noise))
 
     def _absorbed(self, state: State, dropped: Member) -> None:
         """A set whose members take up the leading bases of one that was dropped, where these may be of their cause as well."""
