@@ -171,7 +171,10 @@ class _Problem:
         columns = np.hstack([design, table]) / root[:, None]
         information = columns.T @ columns
         information[range(flat, len(information)), range(flat, len(information))] += 1.0
-        solve, log_det = np.linalg.solve(information, columns.T), float(np.linalg.slogdet(information)[1])
+        solve, log_det = (
+            np.asarray(np.linalg.solve(information, columns.T), dtype=np.float64),
+            float(np.linalg.slogdet(information)[1]),
+        )
         return cls(data, data.output / root, columns, flat, root, solve, log_det)
 
     def over_dwells(self, starts: Sequence[Array | Telegraph]) -> Telegraph:
