@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import rlgcomp as rlg
 from experiments.concealed import __main__ as program
-from experiments.concealed import baseline, bench, effects, functions, observer, page, turntable
+from experiments.concealed import baseline, bench, effects, functions, observer, page, rules, turntable
 from experiments.concealed.__main__ import main
 from experiments.concealed.bench import chamber_case
 from experiments.concealed.case import Case, dump, means
@@ -459,6 +459,21 @@ class TestScore:
         assert hidden["log_bayes_factor"] > 0.0
         assert healthy["key"].endswith(f" by {function}")
         assert "failure" in run_case(plan("healthy", 1)[0], f"{__name__}:absent")
+
+    def test_a_rule_is_counted_where_it_makes_an_answer_right_and_where_it_makes_it_wrong(self) -> None:
+        right = {"verdict": "explained", "findings": ["warm_up"], "drivers": [], "memory": "none"}
+        wrong = {**right, "findings": ["warm_up", "ageing"]}
+        case = {"kind": "single", "hidden": ["warm_up"]}
+        rows = [
+            {**case, **right, "exact": True, "without_rules": {rules.OWNED: wrong, rules.SMALL: wrong}},
+            {**case, **wrong, "exact": False, "without_rules": {rules.OWNED: right}},
+            {**case, **right, "exact": True, "without_rules": {}},
+            {**case, **right, "exact": True},
+        ]
+        owned, small, *others = rules.effects(rows, page.right)
+        assert list(owned.values())[1:] == ["2 of 3", 1, 1]
+        assert list(small.values())[1:] == ["1 of 3", 1, 0]
+        assert [list(other.values())[1:] for other in others] == [["0 of 3", 0, 0]] * 2
 
     def test_errors_are_about_each_runs_mean_where_runs_have_biases(self, case: Case) -> None:
         shifted = [truth + 3.0 for truth in case.truth_held_out]

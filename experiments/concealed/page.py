@@ -13,6 +13,7 @@ from scipy import stats
 
 from experiments.concealed.effects import CATALOGUED
 from experiments.concealed.plan import NAMED, NUISANCES
+from experiments.concealed.rules import effects
 from experiments.tables import show_list, show_table
 
 Row = Mapping[str, Any]
@@ -63,6 +64,8 @@ def show(rows: Sequence[Row]) -> None:
         show_table("Outside the catalogue, and drivers that were not recorded", by_law(outside))
     if stated := statements([row for row in done if row["kind"] in (*NAMED, "healthy")]):
         show_table("Reliability: how often what is stated with a probability is so", reliability(stated))
+    if any("without_rules" in row for row in done):
+        show_table("Rules of the decision beyond the model, each left out", effects(done, right))
     if wrong := [line for line in certain_and_wrong(done) if line]:
         show_list(f"Statements of probability {CERTAIN:g} or more that are wrong", wrong)
     if misses := [miss(row) for row in rows if not right(row) and "failure" not in row]:

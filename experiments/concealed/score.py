@@ -18,6 +18,7 @@ from experiments.concealed.case import Case, means
 from experiments.concealed.cases import make_case
 from experiments.concealed.chamber import WINDOW_S
 from experiments.concealed.plan import NAMED, Plan
+from experiments.concealed.rules import without_rules
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.workers import DIED
@@ -132,6 +133,7 @@ def scored(case: Case, diagnose: Callable[..., Any]) -> Row:
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
         "memory_mib": memory_mib,
+        "without_rules": without_rules(diagnosis),
     }
 
 
