@@ -20,6 +20,8 @@ from rlgcomp.diagnosis.hashed import Hashed
 
 Array = npt.NDArray[np.float64]
 _JITTER: Final = 1e-6
+_WIDTH_RATIO: Final = 1.6  # of correlation lengths, from one point of a grid to the next
+_RESOLVED: Final = 1.3  # knots of a Gaussian process in a correlation length, at least
 _SHAPE_RATIO: Final = 1.5  # of a mechanism's own shape, from one point of the grid to the next
 
 
@@ -42,6 +44,11 @@ class Basis(Hashed, abc.ABC):
     def per_unit(self) -> float:
         """What one unit of the driver, as it is recorded, is in the column; 1 where the column has no such unit."""
         return 1.0
+
+    @property
+    def of_mechanism(self) -> bool:
+        """Whether its weight is an amplitude of the mechanism in whose region it lies."""
+        return True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +96,11 @@ class Smooth(Basis):
         u = self.path.bounded(run)
         found = gaussian_process(u, self.width, self.knots)
         return found + self.parity * gaussian_process(-u, self.width, self.knots) if self.parity else found
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        least = _RESOLVED * 2.0 / (self.knots - 1)
+        widths = (min(max(self.width * factor, least), priors.SMOOTHEST) for factor in (_WIDTH_RATIO**step, _WIDTH_RATIO**-step))
+        return tuple(dataclasses.replace(self, width=width) for width in widths if width != self.width)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -358,7 +358,7 @@ def _best(posterior: Posterior, decision: Decision) -> State:
         return next(
             (state for state in posterior.states if not posterior.effects(state.key) and not state.key[1]), _null(posterior)
         )
-    return best
+    return best if posterior.sharpened is None else posterior.sharpened
 
 
 def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None:

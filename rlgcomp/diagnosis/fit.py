@@ -84,9 +84,9 @@ class Fit:
 
     @functools.cached_property
     def _path(self) -> Array:
-        """What jumps between two values, shape (n,)."""
+        """What jumps between two values, about its mean, which other runs are predicted with; shape (n,)."""
         seen = self.state.telegraph
-        return np.zeros(len(self.data)) if seen is None else seen.half_step * seen.path
+        return np.zeros(len(self.data)) if seen is None else seen.half_step * (seen.path - seen.path.mean())
 
     @functools.cached_property
     def solution(self) -> Solution:
@@ -248,7 +248,7 @@ class Fit:
     def parameters(self, k: int, mechanism: type[Mechanism] | None) -> dict[str, Estimate]:
         """Amplitude and nonlinear parameters of the k-th member in the mechanism's own names, where its lead is one basis."""
         member, bases = self.parts[k]
-        if mechanism is None or len(member.form.lead) != 1:
+        if mechanism is None or len(member.form.lead) != 1 or not member.form.lead[0].of_mechanism:
             return {}
         (lead,) = member.form.lead
         declared = mechanism.parameters()

@@ -99,11 +99,14 @@ def hysteresis(setting: Setting) -> list[Family]:
     return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
 
 
+def _begins(setting: Setting) -> tuple[tuple[str, float], ...]:
+    """Runs with their first temperatures."""
+    return tuple((run.name, float(setting.temperature.values(run)[0])) for run in setting.data.runs)
+
+
 def _single_relays(setting: Setting) -> tuple[Relays, ...]:
-    driver = setting.temperature
-    begins = tuple((run.name, float(driver.values(run)[0])) for run in setting.data.runs)
     up, down = plane(priors.RELAY_LEVELS, 1.0)
-    one = Relays(driver, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=begins)
+    one = Relays(setting.temperature, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=_begins(setting))
     return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
 
 
@@ -148,12 +151,14 @@ def hops(setting: Setting) -> list[Family]:
     """Single hops and ladders."""
     driver = setting.temperature
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
-    kin = (Smooth(setting.thermal, 0.5, 8),)
+    kin, one = (Smooth(setting.thermal, 0.5, 8),), Relays(driver, (0.0,), (0.0,), widest=priors.WIDEST_DEAD_BAND)
+    rested = dataclasses.replace(one, begins=_begins(setting))
     families = []
     for band in priors.DEAD_BANDS:
         for start in SIDES if band else ("rested",):
+            hop = rested if start == "rested" else dataclasses.replace(one, start=start)
             single = [
-                (Relays(driver, (float(level),), (float(level - band),), start, widest=priors.WIDEST_DEAD_BAND),)
+                (dataclasses.replace(hop, up=(float(level),), down=(float(level - band),)),)
                 for level in levels
                 if start == "rested" or _begins_within(setting, level - band, level)
             ]
@@ -182,7 +187,7 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         share = form.log_share + math.log(priors.MORE_STEPS / len(levels))
         for level in levels:
             if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
-                more = dataclasses.replace(first, up=(float(level),), down=(float(level - band),))
+                more = dataclasses.replace(first, up=(float(level),), down=(float(level - band),), opposite=())
                 yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
     return grow

@@ -118,11 +118,17 @@ class Members:
 
     def of_equations(self, region: Region, given: Conditional, noise: Noise) -> list[Form]:
         """The likeliest form of the region's first equation and of its likeliest ones."""
+        ordered = self.by_equation(region, given, noise)
+        first = [one for one in ordered if one[1].form.equation == region.forms[0].equation] if region.forms else []
+        others = [one for one in ordered if one not in first]
+        return [member.form for _, member in (*first, *others[: _EQUATIONS - 1])]
+
+    def by_equation(self, region: Region, given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
+        """The likeliest form of each of the region's equations, the likeliest first."""
         equations = dict.fromkeys(form.equation for form in region.forms)
         masks = [np.array([form.region == region.key and form.equation == one for form in self.forms]) for one in equations]
         best = [found for mask in masks if (found := self.best_of_region(region, given, noise, mask)) is not None]
-        ordered = sorted(best[1:], key=lambda one: one[0], reverse=True)
-        return [member.form for _, member in (*best[:1], *ordered[: _EQUATIONS - 1])]
+        return sorted(best, key=lambda one: one[0], reverse=True)
 
     def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
         """From what a form grows: the likeliest that can, and the likeliest of those that have a threshold."""
@@ -156,10 +162,23 @@ class Members:
         at = int(np.argmin(np.abs(priors.SIZES - members[-1].size)))
         return [further[possible[k]] for k in np.argsort(table[:, at])[::-1][:_PROMISING]]
 
-    def polished(self, value: float, member: Member, given: Conditional, last: bool = False) -> tuple[float, Member]:
-        """A form moved by ever smaller steps; while it grows coarsely and its last leading basis alone."""
-        step, finest = 0.5, _COARSE if last or len(member.form.lead) > _FEW else _FINEST
-        while step >= finest:
+    def polished(
+        self, value: float, member: Member, given: Conditional, *, last: bool = False, finest: bool = False
+    ) -> tuple[float, Member]:
+        """A form moved by ever smaller steps; coarsely where it has many leading bases, and the last of them alone while it grows.
+
+        Parameters
+        ----------
+        value : float
+            Of the member as it is.
+        member : Member
+        given : Conditional
+        last : bool
+        finest : bool
+            Finely, however many leading bases there are.
+        """
+        step, least = 0.5, _COARSE if last or (len(member.form.lead) > _FEW and not finest) else _FINEST
+        while step >= least:
             forms = member.form.nearby(step)
             if last:
                 forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
@@ -168,6 +187,21 @@ class Members:
                 value, member = better
             else:
                 step *= 0.5
+        return value, member
+
+    def exact(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
+        """A polished form, or the likeliest without its smooth departures or those made of its leading bases, polished by itself.
+
+        A law that is its equation as far as the runs show is learnt from fewer numbers, and so is more of what it does in other runs.
+        """
+        form = member.form
+        rest = tuple(make for make in form.own if not isinstance(make, type))
+        plain = {(smooth, own) for smooth in (form.smooth, ()) for own in (form.own, rest)} - {(form.smooth, form.own)}
+        for smooth, own in sorted(plain, key=lambda one: (len(one[0]), len(one[1]))):
+            tried = self.best(given, dataclasses.replace(form, smooth=smooth, own=own))
+            tried = self.polished(*tried, given) if len(form.lead) <= _FEW else tried
+            if tried[0] > value + WORTH:
+                value, member = tried
         return value, member
 
     def _better(self, value: float, member: Member, forms: Sequence[Form], given: Conditional) -> tuple[float, Member] | None:

@@ -127,7 +127,7 @@ class Relays(Basis):
     begins : tuple of (str, float)
         Runs by name in which a single relay may have come from either side, and their first values.
     opposite : tuple of str
-        Those of them in which its state at first is the other one than after a rest.
+        Those of them in which its state at first is the other one than after a rest; other runs may then have come from either side.
     histories : tuple of (str, tuple of float)
         What was before runs, where that is known.
     """
@@ -146,9 +146,14 @@ class Relays(Basis):
         values, up, down = self.driver.values(run), np.array(self.up), np.array(self.down)
         if self.histories:
             return relays(values, up, down, self.start, _before(run, self.histories))
-        if run.name not in self.opposite:
-            return relays(values, up, down, self.start)
-        return relays(values, up, down, "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above")
+        if run.name in self.opposite:
+            return relays(values, up, down, "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above")
+        return relays(values, up, down, self.start if run.name in dict(self.begins) else self.start_of_others)
+
+    @property
+    def start_of_others(self) -> Start:
+        """What was before a run that is none of those whose histories were found: anything, if these differ."""
+        return "unknown" if self.opposite else self.start
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         found = []

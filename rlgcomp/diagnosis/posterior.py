@@ -36,12 +36,15 @@ class Posterior:
     regions : mapping of str to Region
     in_noise, left_in_noise : float
         Probability that noise alone would gain as much by its best form, and the same beside the likeliest set.
+    sharpened : State, optional
+        The best state with its forms at their finest, which predicts.
     """
 
     states: tuple[State, ...]
     regions: Mapping[str, Region]
     in_noise: float = 1.0
     left_in_noise: float = 1.0
+    sharpened: State | None = None
 
     @classmethod
     def of(cls, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> Self:
@@ -76,7 +79,8 @@ class Posterior:
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
                 jumping += search.with_telegraph([dataclasses.replace(state, members=possible)])
         ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
-        return cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
+        found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
+        return found if layout is not None else dataclasses.replace(found, sharpened=search.sharpened(found.best))
 
     @functools.cached_property
     def probabilities(self) -> dict[Key, float]:

@@ -61,7 +61,9 @@ leave 5 to 20 per cent."""
 SMOOTH_KNOTS: Final = 12
 """Functions of a smooth form: two bends of a range are resolved."""
 SMOOTH_WIDTH: Final = 0.35
-"""Correlation length of a smooth function over half the driver's range."""
+"""Correlation length of a smooth function over half the driver's range; polished as other shapes are."""
+SMOOTHEST: Final = 2.0
+"""And the longest: a function that hardly bends is a polynomial."""
 TIME_CONSTANTS: Final = 12
 """Lags that are tried, in equal ratios from a window to a run: the next is within a sixth of an e-fold of any."""
 THRESHOLDS: Final = 36

@@ -20,8 +20,9 @@ from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, with_relays
 from rlgcomp.diagnosis.memories import Conduction, Lag, Spectrum
+from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
 from rlgcomp.diagnosis.setting import Setting, departures
-from rlgcomp.diagnosis.symmetries import symmetric_laws
+from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
@@ -39,6 +40,7 @@ def _static(setting: Setting) -> list[Family]:
     return [
         Family("b = polynomial(T)", [(Power(path, degree),) for degree in (1, 2, 3)], departures(path), 2.0),
         Family("b = f(T)", [(Smooth(path),), (Smooth(path, 0.7, 8),)], departures(path)),
+        Family("b = k T + f(T)", [(Power(path), Smooth(path, 2.0 * priors.SMOOTH_WIDTH))], departures(path)),
         Family("b = f(T), finely", [(Smooth(path, 0.15, 20),)]),
     ]
 
@@ -49,6 +51,7 @@ def _rate(setting: Setting) -> list[Family]:
     return [
         Family("b = k dT/dt", leads, departures(rate), 2.0, (Shift,)),
         Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], departures(rate), 1.0, (Shift,)),
+        *symmetric(Path.rates(setting.data, setting.temperature), departures(rate), (Shift,)),
     ]
 
 
@@ -61,6 +64,7 @@ def _rate_magnitude(setting: Setting) -> list[Family]:
         Family("b = k |dT/dt|", leads, departures(rate), 2.0, (Shift,)),
         Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], departures(rate), 1.0, (Shift,)),
         Family("b = k_heating max(dT/dt, 0) + k_cooling min(dT/dt, 0)", both, departures(rate), 0.5, (Shift,)),
+        *symmetric(Path.rates(setting.data, setting.temperature), departures(rate), (Shift,), even=True),
     ]
 
 
@@ -107,6 +111,9 @@ def _gradients(setting: Setting) -> list[Family]:
         symbol = path.driver.symbol
         families.append(Family(f"b = k ({symbol})", [(Power(path),)], departures(path, setting.data), 2.0, (Shift,)))
         families.append(Family(f"b = f({symbol})", [(Power(path), Smooth(path))], departures(path, setting.data), 1.0, (Shift,)))
+        centred = about_zero(path.driver)
+        if centred is not None:
+            families += symmetric([Path(centred)], departures(Path(centred), setting.data), (Shift,), fixed=False)
     return families
 
 
@@ -153,15 +160,12 @@ def _ageing(setting: Setting) -> list[Family]:
 
 def _monitor(path: Path, data: Data) -> list[Family]:
     """Linear, then smooth: saturation, square, dead zone are still that monitor."""
-    symbol = path.driver.symbol
+    symbol, kin = path.driver.symbol, departures(path, data)
     return [
-        Family(f"b = k ({symbol})", [(Power(path),)], departures(path, data), 2.0, (Shift,)),
-        Family(
-            f"b = f({path.driver.symbol})",
-            [(Power(path), Smooth(path)), (Power(path, 2),), (Power(path, 3),)],
-            departures(path, data),
-        ),
+        Family(f"b = k ({symbol})", [(Power(path),)], kin, 2.0, (Shift,)),
+        Family(f"b = f({symbol})", [(Power(path), Smooth(path)), (Power(path, 2),), (Power(path, 3),)], kin),
         Family(f"b = f({symbol}), finely", [(Smooth(path, 0.15, 20),)], (), 0.5),
+        *nonlinear(path, kin, (Shift,)),
     ]
 
 

@@ -43,6 +43,10 @@ class OnlyIn(Basis):
     def per_unit(self) -> float:
         return self.basis.per_unit()
 
+    @property
+    def of_mechanism(self) -> bool:
+        return self.basis.of_mechanism
+
 
 def selections(form: Form, runs: Sequence[str]) -> list[Form]:
     """A form in each subset of the runs, with an amplitude a run, and with amplitudes that differ a little from run to run.

@@ -416,7 +416,8 @@ def _relays(law: Any, basis: Relays | Preisach, up: Array, down: Array, weights:
     driver, found = basis.driver, []
     used = np.abs(weights) > _SMALL * np.abs(weights).max(initial=0.0)
     used = used if used.any() else np.arange(len(weights)) == 0
-    for start, there in sides(up, down, basis.start, basis.histories).items():
+    of_others = basis.start_of_others if isinstance(basis, Relays) else basis.start
+    for start, there in sides(up, down, of_others, basis.histories).items():
         rows = used & there
         if rows.any():
             raw_up, raw_down = (driver.centre + driver.half * level[rows] for level in (up, down))

@@ -29,6 +29,9 @@ MOST: Final = 6  # members of a set
 _ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late columns find each other
 ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
+_ROUNDS_OF_SHARPENING: Final = 2
+_EQUATIONS: Final = 4  # of a region, from which a member of the set that is fitted is polished
+_NEAR_EQUATIONS: Final = 12.0  # nats behind its form as it is, beyond which they are not
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
@@ -292,3 +295,35 @@ class States(Members):
         if grow is not None and (state.noise != white or self.switches(own.form) or not region.forms):
             found += [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
         return found
+
+    # --- the set that is fitted ------------------------------------------------------------------------------------------------
+
+    def sharpened(self, state: State) -> State:
+        """A set with the form of each member polished finely, from each of its region's equations on.
+
+        The search compares sets, for which a form near the best is as good as the best; for predictions of other runs it is not.
+        """
+        members = state.members if state.telegraph is None else ()
+        for _ in range(_ROUNDS_OF_SHARPENING):
+            before = members
+            for k in range(len(members)):
+                members = self._sharpest(members, k, state.noise)
+            if members == before:
+                break
+        if not members or members == state.members:
+            return state
+        noise = self.converged(members, state.noise).noise
+        return dataclasses.replace(state, members=members, noise=noise)
+
+    def _sharpest(self, members: Set, k: int, noise: Noise) -> Set:
+        """One member at its finest, the others held."""
+        others, own = (*members[:k], *members[k + 1 :]), members[k]
+        region, given = self.regions[own.form.region], self.evidence(noise).given(others)
+        best = self.best(given, own.form)
+        if region.nuisance:
+            return members
+        near = [one for one in self.by_equation(region, given, noise) if one[0] > best[0] - _NEAR_EQUATIONS]
+        for start in (best, *near[:_EQUATIONS]):
+            found = self.exact(*self.polished(*start, given, finest=True), given)
+            best = max(best, found, key=lambda one: one[0])
+        return (*members[:k], best[1], *members[k + 1 :])

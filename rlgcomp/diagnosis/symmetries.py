@@ -45,7 +45,7 @@ class Sign(Basis):
 
 def about_zero(driver: Driver) -> Driver | None:
     """A driver in units of its largest size, zero staying zero; None where the column hardly changes its sign."""
-    if driver.combination != "column" or abs(driver.centre) > _OFF_CENTRE * driver.half:
+    if abs(driver.centre) > _OFF_CENTRE * driver.half:
         return None
     return dataclasses.replace(driver, centre=0.0, half=abs(driver.centre) + driver.half)
 

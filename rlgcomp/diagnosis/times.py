@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from rlgcomp.diagnosis.data import Run
 from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
+_EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +41,12 @@ class Since(Basis):
     def nearby(self, step: float) -> tuple[Self, ...]:
         if self.law == "power" and self.value == 1.0:
             return ()
-        return tuple(dataclasses.replace(self, value=self.value * f) for f in (self.ratio**step, self.ratio**-step))
+        found = [dataclasses.replace(self, value=self.value * f) for f in (self.ratio**step, self.ratio**-step)]
+        if self.law == "hyperbola" or self.exponent != 1.0:
+            found += [
+                dataclasses.replace(self, exponent=self.exponent * f) for f in (_EXPONENT_RATIO**step, _EXPONENT_RATIO**-step)
+            ]
+        return tuple(found)
 
     def parameters(self) -> dict[str, float]:
         if self.law == "power":
