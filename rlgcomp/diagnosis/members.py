@@ -192,7 +192,7 @@ class Members:
     def exact(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
         """A polished form, or the likeliest without its smooth departures or those made of its leading bases, polished by itself.
 
-        A law that is its equation as far as the runs show is learnt from fewer numbers, and so is more of what it does in other runs.
+        A law that is its equation as far as the runs show is learnt from fewer numbers, and predicts other runs the better.
         """
         form = member.form
         rest = tuple(make for make in form.own if not isinstance(make, type))

@@ -127,7 +127,7 @@ class Relays(Basis):
     begins : tuple of (str, float)
         Runs by name in which a single relay may have come from either side, and their first values.
     opposite : tuple of str
-        Those of them in which its state at first is the other one than after a rest; other runs may then have come from either side.
+        Those of them in which its state at first is the other one than after a rest; further runs may then be either.
     histories : tuple of (str, tuple of float)
         What was before runs, where that is known.
     """
