@@ -158,10 +158,12 @@ class Relays(Basis):
     def nearby(self, step: float) -> tuple[Self, ...]:
         found = []
         for move in (2.0 * step / priors.THRESHOLDS, -2.0 * step / priors.THRESHOLDS):
-            up = tuple(level + move for level in self.up)
-            found.append(dataclasses.replace(self, up=up, down=tuple(level + move for level in self.down)))
+            up, down = (tuple(level + move for level in levels) for levels in (self.up, self.down))
+            found.append(dataclasses.replace(self, up=up, down=down))
             if self.narrowest <= up[0] - self.down[0] <= self.widest:
                 found.append(dataclasses.replace(self, up=up))
+            if self.narrowest <= self.up[0] - down[0] <= self.widest:
+                found.append(dataclasses.replace(self, down=down))
         if step >= _OTHER_HISTORY:
             found += [self._from_other_side(name) for name, first in self.begins if self.down[0] < first < self.up[0]]
         return tuple(found)
