@@ -19,6 +19,7 @@ from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.simulator_file import simulator_of
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form
@@ -63,6 +64,7 @@ def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
         "polynomial and smooth": (Power(Path(block), 3), Smooth(Path(block))),
         "difference": (Power(gradient), Smooth(gradient), Shift(Power(gradient))),
         "contrast": (Power(contrast), Smooth(contrast)),
+        "nonlinearities": (Saturation(Path(block), 0.3, 0.2), Hinge(Path(block), 0.4, -1), SignedPower(gradient, 0.6, False)),
         "rate": (Power(Path.rate(data, block)), Magnitude(Path.rate(data, block))),
         "late": (Power(Path(block, "lag", 900.0)), Lag(block, 500.0, 1.4, behind=False)),
         "lags": (Lag(block, 900.0, 1.4), Conduction(block, 4000.0, True, 1.4), Spectrum(block, times)),
@@ -76,8 +78,8 @@ def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
 
 
 @pytest.mark.parametrize("name", [
-    "polynomial and smooth", "difference", "contrast", "rate", "late", "lags", "plays", "relays", "density", "product", "time",
-    "waves",
+    "polynomial and smooth", "difference", "contrast", "nonlinearities", "rate", "late", "lags", "plays", "relays", "density",
+    "product", "time", "waves",
 ])  # fmt: skip
 def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], tmp_path: File) -> None:
     bases = forms_of(runs)[name]

@@ -1,0 +1,147 @@
+"""Static nonlinearities, and the set that predicts with its forms at their finest."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Basis, Smooth
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.memories import Relays
+from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.regions import named
+from rlgcomp.diagnosis.setting import Setting
+from rlgcomp.diagnosis.states import State, States
+from rlgcomp.diagnosis.telegraph import Telegraph
+from rlgcomp.physics import CATALOGUE
+from rlgcomp.recording import Recording
+from rlgcomp.simulation.simulator import Simulator
+
+VOLTS = Path(Driver(("supply_voltage_V",), centre=15.0, half=0.1))
+WHITE = 0.01
+
+
+def recording(seed: int, half_V: float = 0.1) -> Recording:
+    """A supply that wanders, and a temperature; the gyro saturates with the supply."""
+    rng, n = np.random.default_rng(seed), 4000
+    volts = 15.0 + half_V * np.sin(np.cumsum(rng.normal(0.0, 0.02, n)))
+    gyro = np.tanh((volts - 15.02) / 0.04) + WHITE * np.sqrt(10.0) * rng.standard_normal(n)
+    celsius = 20.0 + 30.0 * np.sin(np.arange(n) / 700.0 + seed)
+    table = {"time_s": 10.0 * np.arange(n), "gyro_deg_h": gyro, "temperature_block_degC": celsius, "supply_voltage_V": volts}
+    return Recording(pd.DataFrame(table), name=f"run{seed}")
+
+
+@pytest.mark.parametrize(
+    "basis",
+    [
+        Saturation(VOLTS, 0.4, 0.2),
+        Saturation(VOLTS, 0.4, even=True, fixed=True),
+        Hinge(VOLTS, 0.3, 1),
+        SignedPower(VOLTS, 0.6, False),
+    ],
+)
+def test_moves_of_a_nonlinearity_differ_from_it_and_stay_within_limits(basis: Any) -> None:
+    for _ in range(30):
+        moves = basis.nearby(0.5)
+        assert moves
+        assert all(moved != basis for moved in moves)
+        basis = moves[0]
+    assert not basis.of_mechanism
+
+
+def test_nonlinearities_are_their_equations() -> None:
+    run: Any = type("Stub", (), {"cache": {VOLTS: np.array([-1.0, -0.2, 0.0, 0.3, 1.6])}, "bins": 5})()
+    u = run.cache[VOLTS]
+    assert Saturation(VOLTS, 0.5, 0.1).columns(run)[:, 0] == pytest.approx(np.tanh((u - 0.1) / 0.5))
+    assert Saturation(VOLTS, 0.5, even=True).columns(run)[:, 0] == pytest.approx(np.tanh(np.abs(u) / 0.5))
+    assert Hinge(VOLTS, 0.1, -1).columns(run)[:, 0] == pytest.approx([1.1, 0.3, 0.1, 0.0, 0.0])
+    assert SignedPower(VOLTS, 2.0, False).columns(run)[:, 0] == pytest.approx(u * np.abs(u))
+    assert SignedPower(VOLTS, 0.5, True).columns(run)[:, 0] == pytest.approx(np.sqrt(np.abs(u)))
+
+
+@pytest.fixture(scope="module")
+def saturating() -> tuple[States, Bank]:
+    """The region of the supply beside runs whose gyro saturates with it."""
+    runs = [recording(1), recording(2)]
+    grid = Grid.of(runs)
+    data = Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in runs))
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    baseline = Baseline(simulator).linearised(data)
+    bank = Bank(data, baseline.design(data), baseline)
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    return States(bank, list(named(setting, {"supply_voltage": CATALOGUE["supply_voltage"]}, ()))), bank
+
+
+def test_the_set_that_predicts_has_the_equation_alone_where_that_is_all_there_is(saturating: tuple[States, Bank]) -> None:
+    states, bank = saturating
+    region = states.regions["supply_voltage"]
+    given = states.evidence(Noise()).given(())
+    smooth = [form for form in region.forms if isinstance(form.lead[-1], Smooth)]
+    found = states.likeliest(given, smooth)
+    assert found is not None
+    rough = State((found[1],), Noise(), 0.0)
+    fine = states.sharpened(rough)
+    (member,) = fine.members
+    assert isinstance(member.form.lead[0], Saturation)
+    assert not member.form.departures
+    half, centre = member.form.lead[0].path.driver.half, member.form.lead[0].path.driver.centre
+    assert member.form.lead[0].width * half == pytest.approx(0.04, rel=0.05)
+    assert centre + member.form.lead[0].centre * half == pytest.approx(15.02, abs=0.002)
+    further = recording(7, half_V=0.16)  # beyond the training runs
+    errors = []
+    for state in (rough, fine):
+        assert bank.baseline is not None
+        predicted = Fit(bank.data, bank.baseline, bank, state).rate_deg_h(further, bank.data.runs[0].grid)
+        wanted = np.tanh((further.column("supply_voltage_V") - 15.02) / 0.04)
+        errors.append(float(np.std(predicted - wanted)))
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_form_that_is_fine_already_is_left_as_it_is(saturating: tuple[States, Bank]) -> None:
+    states, _ = saturating
+    region = states.regions["supply_voltage"]
+    given = states.evidence(Noise()).given(())
+    found = states.likeliest(given, region.forms)
+    assert found is not None
+    once = states.sharpened(State((found[1],), Noise(), 0.0))
+    assert states.sharpened(once).members == once.members
+
+
+def test_each_threshold_of_a_relay_moves_by_itself() -> None:
+    relay = Relays(Driver(("a",)), (0.3,), (0.1,), widest=0.25)
+    moved = {(round(one.up[0] - 0.3, 6) != 0.0, round(one.down[0] - 0.1, 6) != 0.0) for one in relay.nearby(0.25)}
+    assert moved == {(True, True), (True, False), (False, True)}
+    assert all(one.up[0] - one.down[0] <= 0.25 for one in relay.nearby(0.25))
+
+
+def test_a_further_run_is_between_the_states_that_training_runs_began_in() -> None:
+    run: Any = type("Stub", (), {"name": "test", "cache": {}, "column": lambda self, _: np.array([0.2, 0.2, 0.5, 0.2])})()
+    relay = Relays(Driver(("a",)), (0.3,), (0.1,), begins=(("run0", 0.2), ("run1", 0.2)))
+    for one, first in ((relay, {0.0, 1.0}), (dataclasses.replace(relay, opposite=("run1",)), {0.5})):
+        states = one.columns(run)[:, 0]
+        assert states[0] in first
+        assert states[3] == 1.0
+
+
+def test_other_runs_are_predicted_with_the_mean_of_two_states(saturating: tuple[States, Bank]) -> None:
+    _, bank = saturating
+    assert bank.baseline is not None
+    path = np.where(np.arange(len(bank.data)) % 4 == 0, 1.0, -1.0)
+    seen = Telegraph(3.0, 1.0, 1.0, path, 10.0, 0.0)
+    plain, beside = (Fit(bank.data, bank.baseline, bank, State((), Noise(), 0.0, telegraph=one)) for one in (None, seen))
+    apart = [beside.predicted(run) - plain.predicted(run) for run in bank.data.runs]
+    assert float(np.mean(np.concatenate(apart))) == pytest.approx(0.0, abs=0.05)
+
+
+def test_bases_say_whether_their_weight_is_an_amplitude_of_the_mechanism() -> None:
+    bases: list[Basis] = [Smooth(VOLTS), Saturation(VOLTS, 0.3)]
+    assert [basis.of_mechanism for basis in bases] == [True, False]
