@@ -11,7 +11,7 @@ import pytest
 
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, Smooth
+from rlgcomp.diagnosis.bases import Basis, Power, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Fit
@@ -56,6 +56,16 @@ def test_moves_of_a_nonlinearity_differ_from_it_and_stay_within_limits(basis: An
         assert all(moved != basis for moved in moves)
         basis = moves[0]
     assert not basis.of_mechanism
+
+
+def test_polynomials_go_on_straight_beyond_the_range() -> None:
+    u = np.array([-3.0, -1.3, 0.4, 1.3, 2.3])
+    run: Any = type("Stub", (), {"cache": {VOLTS: u}, "bins": 5})()
+    assert Power(VOLTS).columns(run)[:, 0] == pytest.approx(u)
+    square = Power(VOLTS, 2).columns(run)[:, 1]
+    assert square[1:4] == pytest.approx(0.5 * (1.5 * u[1:4] ** 2 - 0.5))
+    assert square[4] - square[3] == pytest.approx(0.5 * 3.0 * 1.3)
+    assert square[0] - square[1] == pytest.approx(1.7 * 0.5 * 3.0 * 1.3)
 
 
 def test_nonlinearities_are_their_equations() -> None:

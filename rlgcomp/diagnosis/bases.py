@@ -53,15 +53,16 @@ class Basis(Hashed, abc.ABC):
 
 @dataclasses.dataclass(frozen=True)
 class Power(Basis):
-    """Legendre polynomials P_1 to P_degree of a path, weights falling as 1 / k."""
+    """Legendre polynomials P_1 to P_degree of a path, weights falling as 1 / k; their tangents a little beyond its range."""
 
     path: Path
     degree: int = 1
 
     def columns(self, run: Run) -> Array:
-        u = self.path.bounded(run) if self.degree > 1 else self.path.values(run)
-        table = np.polynomial.legendre.legvander(u, self.degree)[:, 1:]
-        return np.asarray(table / np.arange(1, self.degree + 1))
+        u, inside = self.path.values(run), self.path.bounded(run)
+        table = np.polynomial.legendre.legvander(inside, self.degree)[:, 1:]
+        slopes = np.polynomial.legendre.legval(inside, np.polynomial.legendre.legder(np.eye(self.degree + 1)[:, 1:])).T
+        return np.asarray((table + (u - inside)[:, None] * slopes) / np.arange(1, self.degree + 1))
 
     def per_unit(self) -> float:
         return 1.0 / (self.path.half * self.path.driver.half)
