@@ -135,6 +135,24 @@ def test_two_columns_that_read_one_quantity_help_each_other() -> None:
     assert np.std(unrelated["a_V"].values - alone.values) < 0.1 * np.std(alone.values - light)
 
 
+def test_columns_that_read_two_quantities_are_told_as_two() -> None:
+    """Light, and both readouts of it: a relation that holds nothing but noise is left out of all three."""
+    rng = np.random.default_rng(7)
+    light, beam = (wandering(3000, 40.0, rng) for _ in range(2))
+    true = {"light_intensity_V": light, "readout_a_V": light + beam, "readout_b_V": light - beam, "supply_voltage_V": 0.0 * light}
+    true["supply_voltage_V"] = wandering(3000, 40.0, rng)
+    noise = {"light_intensity_V": 0.3, "readout_a_V": 0.1, "readout_b_V": 0.3, "supply_voltage_V": 0.2}
+    read = {name: values + noise[name] * rng.standard_normal(3000) for name, values in true.items()}
+    found = readings_of(read, read)
+    left = found["readout_a_V"].values + found["readout_b_V"].values - 2.0 * found["light_intensity_V"].values
+    assert np.std(left) < 0.02
+    for name, one in found.items():
+        square = float(np.mean((one.values - true[name]) ** 2))
+        assert 0.6 < square / one.variance.mean() < 1.6
+        assert square < 1.05 * float(np.mean((Readings.of(read[name], read[name]).values - true[name]) ** 2))
+    assert np.mean((found["light_intensity_V"].values - light) ** 2) < 0.5 * 0.3**2
+
+
 def test_smooth_is_nearer_the_driver_and_keeps_jumps() -> None:
     rng = np.random.default_rng(2)
     truth = wandering(3000, 300.0, rng) + 5.0 * (np.arange(3000) > 1500)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
@@ -92,6 +93,38 @@ def test_what_could_be_either_is_sure_of_neither() -> None:
     """A rate that a thermometer of two thirds of a window's lag would give."""
     found = asked(made(0.01, rate=0.008))
     assert max([found.posterior.null, *(cause.probability for cause in found.causes)]) < 0.99
+
+
+def monitored(lag_s: float) -> list[Recording]:
+    """Runs of a gyro that follows the humidity by a saturating law; the humidity's sensor is late."""
+    runs = []
+    for k, run in enumerate(made(0.01)):
+        rng = np.random.default_rng([7, k])
+        kicks = rng.standard_normal(len(run)) * np.sqrt(2.0 * STEP_S / 3600.0)
+        humidity = 42.0 + 12.0 * lfilter([1.0], [1.0, -np.exp(-STEP_S / 3600.0)], kicks)
+        law = 0.2 / (1.0 + np.exp(-(humidity - 42.0) / 12.0))
+        read = lagged(humidity, STEP_S, lag_s) + 0.2 * rng.standard_normal(len(run))
+        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + law, humidity_percent=read)
+        runs.append(run.replace(table=table))
+    return runs
+
+
+def test_any_monitor_may_be_late() -> None:
+    found = asked(monitored(40.0))
+    assert (found.verdict, found.decision.drivers, found.decision.memory) == ("unknown", ("humidity_percent",), "static")
+    assert [one.name for one in found.members] == ["law:humidity_percent"]
+    (lag,) = found.recalibration["late monitor"].values()
+    assert abs(lag.value - 40.0) < 4.0 * lag.sd < 20.0
+    told = {remark.code: remark.data for remark in found.remarks}["diagnosis.late_monitor"]
+    assert told == {"column": "humidity_percent", "lag_s": lag.value, "sd_s": lag.sd}
+    assert found.augmented_file.left_out == ()
+    assert found.augmented_file.error < 0.3
+
+
+def test_a_monitor_in_time_is_not_told_as_late() -> None:
+    found = asked(monitored(0.01))
+    assert [one.name for one in found.members] == ["law:humidity_percent"]
+    assert "diagnosis.late_monitor" not in {remark.code for remark in found.remarks}
 
 
 # --- parts ---------------------------------------------------------------------------------------------------------------------

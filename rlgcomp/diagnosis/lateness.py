@@ -117,7 +117,7 @@ class Late(Basis):
 
 def late_regions(data: Data) -> Iterator[Region]:
     """A region for each column; their forms follow from a set (:func:`late_form`)."""
-    for column in (one for one in data.columns if diffuses(one)):
+    for column in data.columns:
         odds = priors.LATE_ODDS if diffuses(column) else priors.LATE_MONITOR_ODDS
         yield Region(LATE + column, None, math.log(odds), (), (column,), "dynamic", nuisance=True)
 

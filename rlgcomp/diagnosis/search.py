@@ -53,9 +53,21 @@ class Search(States):
         if any(state.noise.errors is not None and len(state.noise.errors.outliers) > allowed for state in found):
             best = max(state.log_posterior for state in found)
             self._beam(null, [state for state in found if state.log_posterior > best - _WITHIN])
+        self._leave_out()
         for state in self._ordered()[:_WITH_WANDER]:
             self.wandering(state)
         return self._ordered()
+
+    def _leave_out(self) -> None:
+        """Sets with a member less than the likeliest, under its noise, errors and outliers: a weak member may stand for nothing."""
+        for _ in range(_EXCHANGED):
+            best = self._ordered()[0]
+            for k in range(len(best.members)):
+                fewer = self.converged((*best.members[:k], *best.members[k + 1 :]), best.noise)
+                if fewer.log_posterior > best.log_posterior - _WITHIN:
+                    self.refined(fewer)
+            if self._ordered()[0] is best:
+                return
 
     def _ordered(self) -> list[State]:
         return sorted(self.visited.values(), key=lambda state: state.log_posterior, reverse=True)

@@ -2,8 +2,9 @@ r"""Readings of a driver: their noise, the step to which they are rounded, and t
 
 A gyro follows the driver and not what is read of it. A temperature is smooth, and what is rounded changes by few steps: their
 course is the posterior of :mod:`rlgcomp.numerics.courses`. Other columns that have noise are smoothed by a Gaussian whose width has
-the least risk, as far as smooths of all smaller widths agree, so that jumps stay; what other columns tell of their detail is no
-noise. What is left is an error of the driver.
+the least risk, as far as smooths of all smaller widths agree, so that jumps stay. Several columns may read one quantity: their
+combinations with independent noise are smoothed each by itself, and those that hold no more than noise are left out, so that
+columns of k quantities are told as k (:func:`smoothed_together`). What is left is an error of the driver.
 
 References
 ----------
@@ -14,9 +15,8 @@ A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparamet
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -32,6 +32,9 @@ _LEAST: Final = 20  # differences, at least
 _MOST: Final = 200_000  # samples from which noise is estimated
 _WIDTHS: Final = (0.0, 0.7, 1.4, 2.8, 5.6, 11.2, 22.4)  # standard deviations of the Gaussian, in bins
 _AGREE: Final = 3.0  # standard deviations
+_RELATION: Final = 1.5  # of the noise's variance, below which a combination of columns holds no more than noise
+_TAKES_PART: Final = 6.0  # standard deviations of what a series seems to add to a relation that it takes no part in
+_DETAIL: Final = 8.0  # bins of the smooth beside which signals of columns differ
 _LEVELS: Final = 6  # of a column that is rounded, at least: fewer are states
 _HIDDEN: Final = 0.08  # of a step's square, in variance: noise that steps hide
 _DITHERED: Final = 0.24  # from which on means of readings are those of what is read
@@ -88,7 +91,7 @@ class Readings:
             It is a temperature: its course is smooth.
         """
         step, bins = rounding_step(full), len(binned)
-        noise = noise_variance(full)
+        noise = 0.0 if step and len(np.unique(full)) < _LEVELS else noise_variance(full)  # states have none
         rows = max(1, round(len(full) / bins))
         whole = rows * bins <= len(full) and np.allclose(
             bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * max(step, np.ptp(full))
@@ -153,7 +156,7 @@ def diffuses(column: str) -> bool:
 
 
 def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[str, Readings]:
-    """Readings of columns of one run, those that have noise by the detail of all others as well: two may read one quantity.
+    """Readings of columns of one run, those that have noise together: several may read one quantity.
 
     Parameters
     ----------
@@ -163,29 +166,16 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
     """
     found = {name: Readings.of(full[name], values, diffuses=diffuses(name)) for name, values in binned.items()}
     spreads = {name: spread for name, one in found.items() if (spread := float(np.std(one.values))) > 0.0}  # finite ones alone
-    courses = np.column_stack(
-        [np.empty((len(next(iter(binned.values()), ())), 0)), *(found[k].values / spreads[k] for k in spreads)]
-    )
-    errors = np.array([float(np.mean(found[k].variance + found[k].rounding)) / spreads[k] ** 2 for k in spreads])
-
-    @functools.cache
-    def detail(width: float) -> Array:
-        return np.asarray(courses - gaussian_means(courses, width)[0])
-
     thermometers = [name for name in spreads if diffuses(name)]
     followed = {
         name: found[name].following([found[other].values / spreads[other] for other in thermometers if other != name])
         for name in thermometers
     }
-    noisy = [name for name, one in found.items() if one.noise and not one.step and not diffuses(name)]
-    for name in noisy if len(spreads) > 1 else ():
-        others = np.array([other != name for other in spreads])
-
-        def detail_of_others(width: float, others: npt.NDArray[np.bool_] = others) -> Array:
-            return detail(width)[:, others]
-
-        values, variance, widths = smoothed(binned[name], found[name].noise, detail_of_others, errors[others])
-        found[name] = dataclasses.replace(found[name], values=values, variance=variance, widths=widths)
+    noisy = [name for name in spreads if found[name].noise and not found[name].step and not diffuses(name)]
+    if len(noisy) > 1:
+        columns, noises = np.column_stack([binned[name] for name in noisy]), np.array([found[name].noise for name in noisy])
+        for name, values, variance, widths in zip(noisy, *(one.T for one in smoothed_together(columns, noises)), strict=True):
+            found[name] = dataclasses.replace(found[name], values=values, variance=variance, widths=widths)
     return found | followed
 
 
@@ -223,49 +213,78 @@ def _few_steps(values: Array, step: float, diffuses: bool) -> bool:
     return len(np.unique(values)) >= _LEVELS and (diffuses or float(np.median(jumps)) <= 1.5 * step)
 
 
-def smoothed(
-    values: Array, variance: float, detail: Callable[[float], Array] | None = None, errors: Array | None = None
-) -> tuple[Array, Array, Array]:
-    """The smooth of a series whose noise has a variance, the variance of what it leaves, and the widths used; shapes (n,).
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    variance : float
-    detail : callable, optional
-        From a width to what a smooth of it leaves of other columns' courses, shape (n, k). What is linear in it is no noise, so a
-        wider smooth is left for the rest (P. Speckman, "Kernel smoothing in partial linear models", J. R. Stat. Soc. B 50, 413
-        (1988)).
-    errors : ndarray, shape (k,), optional
-        Variances of these courses.
-    """
+def smoothed(values: Array, variance: float) -> tuple[Array, Array, Array]:
+    """The smooth of a series whose noise has a variance, the variance of what it leaves, and the widths used; shapes (n,)."""
     n = len(values)
     smooth, left, widths = values, np.full(n, variance), np.zeros(n)
     if variance <= 0.0:
         return smooth, left, widths
-    tried = [(0.0, values, variance, variance)]
-    for width in _WIDTHS[1:]:
-        if 4.0 * width >= n:
-            break
-        found, own = gaussian_means(values, width)
-        least = variance / (2.0 * math.sqrt(math.pi) * width)
-        if detail is not None and errors is not None:
-            columns = detail(width)
-            weights = np.linalg.lstsq(columns, values - found, rcond=1e-9)[0]
-            found = found + columns @ weights
-            own += len(errors) / n
-            least += float(weights**2 @ errors)
-        risk = float(np.mean((values - found) ** 2)) + variance * (2.0 * own - 1.0)
-        tried.append((width, found, risk, min(least, variance)))
-    best = min(range(len(tried)), key=lambda k: tried[k][2])
     low, high = (values + side * _AGREE * math.sqrt(variance) for side in (-1.0, 1.0))
     agrees = np.ones(n, dtype=np.bool_)
-    for width, found, risk, own in tried[1 : best + 1]:
-        low, high = np.maximum(low, found - _AGREE * math.sqrt(own)), np.minimum(high, found + _AGREE * math.sqrt(own))
+    least, best, kept = variance, (smooth, left, widths), np.ones(n)  # own weight of each value in its smooth
+    for width in (one for one in _WIDTHS[1:] if 4.0 * one < n):
+        found, own = gaussian_means(values, width)
+        averaged = min(variance / (2.0 * math.sqrt(math.pi) * width), variance)
+        low, high = (
+            np.maximum(low, found - _AGREE * math.sqrt(averaged)),
+            np.minimum(high, found + _AGREE * math.sqrt(averaged)),
+        )
         agrees &= low <= high
-        smooth, widths = np.where(agrees, found, smooth), np.where(agrees, width, widths)
-        left = np.where(agrees, np.clip(risk, own, variance), left)
-    return smooth, left, widths
+        if not agrees.any():
+            break
+        risk = float(np.mean((values - found)[agrees] ** 2)) + variance * (2.0 * own - 1.0)
+        smooth, widths, kept = np.where(agrees, found, smooth), np.where(agrees, width, widths), np.where(agrees, own, kept)
+        left = np.where(agrees, min(max(risk, averaged), variance), left)
+        whole = float(np.mean((values - smooth) ** 2 + variance * (2.0 * kept - 1.0)))
+        if whole < least:
+            least, best = whole, (smooth, left, widths)
+    return best
+
+
+def smoothed_together(columns: Array, variances: Array) -> tuple[Array, Array, Array]:
+    """Smooths of series that may read quantities in common, the variance of what each leaves, and widths; shapes (n, k).
+
+    With columns in units of their noise, combinations along the principal axes have independent noise of unit variance. One whose
+    variance is that of noise is a relation between the columns, as of light and both readouts of it: it is left out. The others
+    are turned to the principal axes of their detail, in which their signals differ most, and smoothed.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, k)
+    variances : ndarray, shape (k,)
+        Of their noise, positive.
+    """
+    mean, spread = columns.mean(axis=0), np.sqrt(variances)
+    white = (columns - mean) / spread
+    relations, lost = _relations(white)
+    along = np.linalg.svd(relations.T)[2][relations.shape[1] :].T  # what is at right angles to them
+    detail = (white - gaussian_means(white, _DETAIL)[0]) @ along
+    along = along @ np.linalg.eigh(detail.T @ detail)[1]
+    parts = [smoothed(part, 1.0) for part in (white @ along).T]
+    smooth, left, widths = (np.column_stack(group) for group in zip(*parts, strict=True))
+    of_each = left @ along.T**2
+    return smooth @ along.T * spread + mean, (of_each + lost) * variances, (left * widths) @ along.T**2 / of_each
+
+
+def _relations(white: Array) -> tuple[Array, Array]:
+    """Combinations of series that hold no more than their noise of unit variance, and the variance of what they are wrong by.
+
+    Shapes (k, relations) and (k,). Series that take no part in a relation have none of it: each would add to its error.
+    """
+    n, k = white.shape
+    square = white.T @ white / n
+    sizes, axes = np.linalg.eigh(square)
+    found = sizes < min(_RELATION, sizes[-1])
+    inside = np.flatnonzero(axes[:, found] ** 2 @ np.ones(found.sum()) * np.diag(square) > _TAKES_PART**2 / n)
+    relations = np.zeros((k, 0))
+    lost = np.zeros(k)
+    if len(inside) > 1:
+        sizes, axes = np.linalg.eigh(square[np.ix_(inside, inside)])
+        found = sizes < min(_RELATION, sizes[-1])
+        relations = np.zeros((k, int(found.sum())))
+        relations[inside] = axes[:, found]
+        lost = relations**2 @ (np.maximum(sizes[found] - 1.0, 0.0) + float(np.sum(~found)) / n)
+    return relations, lost
 
 
 def gaussian_means(values: Array, width: float) -> tuple[Array, float]:
