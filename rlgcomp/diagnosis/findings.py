@@ -32,6 +32,7 @@ from rlgcomp.units import display_unit
 Array = npt.NDArray[np.float64]
 DEG_H: Final = "deg/h"
 _PLACES: Final = 41  # of a function's table
+_CLEAR: Final = 0.3  # of the white noise of a window mean, from which on a departure from an equation is told
 _LOOP: Final = 120  # of a loop's
 _BEFORE: Final = 0.2  # of the fastest time constant, at which a response begins
 _SETTLED: Final = 7.0  # time constants after which nothing of a step is left
@@ -98,6 +99,8 @@ class Cause:
         Of its contribution to window means of the training runs, about its mean.
     unit : str
         Of the output.
+    departure : float
+        Rms of window means of what the equation leaves of the function, where that is clear of the noise; else zero.
     indistinguishable_from : tuple of str
     rival_probabilities : tuple of float
     perhaps_nothing : float
@@ -124,6 +127,7 @@ class Cause:
     function: Function | None
     rms: float
     unit: str = DEG_H
+    departure: float = 0.0
     indistinguishable_from: tuple[str, ...] = ()
     rival_probabilities: tuple[float, ...] = ()
     perhaps_nothing: float = 0.0
@@ -236,11 +240,23 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         memory=region.memory,
         function=function_of(fit, k),
         rms=float(np.std(contribution)),
+        departure=_departure(fit, k, contribution),
         runs=_by_run(fit, k),
         switches=() if estimates else switches_of(fit, k, unit),
         terms=functools.partial(mechanisms_of, fit, k, catalogue),
         **common,
     )
+
+
+def _departure(fit: Fit, k: int, contribution: Array) -> float:
+    """Root mean square of what the leading bases leave of a member's window means; zero where the noise hides it."""
+    member, bases = fit.parts[k]
+    leading = [fit.bank.columns(basis)[fit.data.of_windows] for basis, _ in bases[: len(member.form.lead)]]
+    table = np.column_stack([np.ones(len(contribution)), *leading])
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    left = contribution - table / size @ np.linalg.lstsq(table / size, contribution, rcond=1e-12)[0]
+    departure = float(np.std(left))
+    return departure if departure > _CLEAR * fit.white else 0.0
 
 
 def _of_law(fit: Fit, k: int, unit: str) -> dict[str, Estimate]:

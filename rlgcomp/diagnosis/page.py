@@ -249,6 +249,7 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
             ]
         ),
         "undetermined": ", ".join(one.undetermined),
+        "departs": f"{one.departure:.2g} {one.unit}" if one.parameters and one.departure else "",
         "picture": picture,
         "table": _frame(header, rows),
     }

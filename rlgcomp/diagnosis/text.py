@@ -54,7 +54,7 @@ def as_text(record: Record) -> str:
         by_run, by_regime = place_rows(record)
         parts.append(_table(f"{title}: by run", PLACE_COLUMNS, by_run[:_SHOWN]))
         if by_regime:
-            parts.append(_table("The same mismatch divided again, by what the driver does", PLACE_COLUMNS, by_regime[:_SHOWN]))
+            parts.append(_table("The same mismatch divided again, by what the driver does in all runs", PLACE_COLUMNS, by_regime))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {typeset(record.unit)}"
     parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
     messages = remarks(record)
@@ -136,7 +136,7 @@ def alternative_rows(record: Record) -> list[list[str]]:
 def place_text(place: Place) -> str:
     """A place of the mismatch."""
     parts = [f"{place.run} {place.channel}"]
-    if place.start_s is not None and place.end_s is not None and not place.regime:
+    if place.start_s is not None and place.end_s is not None:
         parts.append(span_text(place.start_s, place.end_s))
     if place.regime:
         parts.append(place.regime)
@@ -148,11 +148,14 @@ def place_text(place: Place) -> str:
 
 
 def place_rows(record: Record) -> tuple[list[list[str]], list[list[str]]]:
-    """Places of the mismatch with their shares: the runs' intervals, and regimes of the driver, which divide the same sum again."""
-    rows: tuple[list[list[str]], list[list[str]]] = [], []
+    """Places of the mismatch with shares: intervals of runs; regimes of the driver in all runs, which divide the same sum again."""
+    by_run = [[place_text(one), percent_text(one.share)] for one in record.where if not one.regime]
+    regimes: dict[str, float] = {}
     for one in record.where:
-        rows[one.regime is not None].append([place_text(one), percent_text(one.share)])
-    return rows
+        if one.regime:
+            regimes[one.regime] = regimes.get(one.regime, 0.0) + one.share
+    ordered = sorted(regimes, key=lambda regime: regimes[regime], reverse=True)
+    return by_run, [[regime, percent_text(regimes[regime])] for regime in ordered]
 
 
 def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -193,11 +193,11 @@ def column_label(column: str) -> str:
 def column_words(column: str) -> str:
     """A column's name without its unit.
 
-    >>> column_words("gyro_x_deg_h")
-    'gyro x'
+    >>> column_words("gyro_x_deg_h"), column_words("humidity_percent")
+    ('gyro x', 'humidity')
     """
     unit = display_unit(column)
-    stem = column if not unit else column.removesuffix("_" + unit.replace("/", "_").replace("^", ""))
+    stem = column if not unit else re.sub("_(percent|pct)$", "", column).removesuffix("_" + unit.replace("/", "_").replace("^", ""))
     return stem.replace("_", " ")
 
 
