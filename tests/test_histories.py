@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.memories import Plays, Preisach, dense, one_after_the_other, plane, sides
-from rlgcomp.numerics.relays import relay_states, states_after, states_before, turning_points
+from rlgcomp.numerics.relays import Switches, relay_states, states_after, states_before, turning_points
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -32,6 +32,23 @@ def test_turning_points_leave_relays_as_the_path_does(path: Sequence[float]) -> 
     np.testing.assert_array_equal(states_after(found, up, down, first), states_after(path, up, down, first))
     swings = np.abs(np.diff(found))
     assert np.all(np.diff(swings[: len(swings) - 1]) <= 0.0)
+
+
+@pytest.mark.parametrize("numba", ["1", "0"])
+@pytest.mark.parametrize("start", ["rested", "above", "unknown"])
+def test_sums_over_switches_are_those_over_states(numba: str, start: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RLGCOMP_NUMBA", numba)
+    rng = np.random.default_rng(3)
+    values = np.repeat(np.cumsum(rng.standard_normal(60)) / 6.0, [1] * 40 + [3] * 20)
+    up, down = dense(12)
+    weights = rng.standard_normal((len(up), 3))
+    one, other = (states_before(values[0], up, down, name) for name in (start, "below"))
+    states, rest = (relay_states(values, up, down, first) for first in (one, other))
+    switches = Switches.of(values, up, down, one)
+    assert len(switches.changes) < 0.2 * states.size
+    np.testing.assert_allclose(switches.sums(weights), states @ weights, atol=1e-12)
+    less = switches.less(Switches.of(values, up, down, other))
+    np.testing.assert_allclose(less.sums(weights), (states - rest) @ weights, atol=1e-12)
 
 
 def test_least_swings_are_left_out() -> None:

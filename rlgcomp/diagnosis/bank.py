@@ -23,6 +23,7 @@ _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline h
 _KEPT_COLUMNS: Final = 4000  # window means of bases, and as many reduced ones, that were last asked for
 _AT_ONCE: Final = 500  # columns that are reduced together
 _NOISES: Final = 40  # whose factors are kept
+_PROJECTED: Final = 400  # columns under one of them
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
 _UNSEEN: Final = 1e-9  # of its variance, in a direction that no size brings above the noise
 Scaled = Sequence[tuple[Basis, float]]
@@ -72,6 +73,7 @@ class Bank:
         self.data, self.design, self.baseline = data, design, baseline
         self.white = Whitened(data, design, Noise())
         self._whitened: dict[Noise, Whitened] = {}
+        self._projected: dict[Noise, Recent] = {}
         self._columns = Recent(_KEPT_COLUMNS)
         self._reduced = Recent(_KEPT_COLUMNS)
         self._held: dict[Basis, Array] = {}  # reduced columns of the forms of all regions
@@ -93,6 +95,14 @@ class Bank:
                 self._whitened.pop(next(iter(self._whitened)))
             self._whitened[noise] = Whitened(self.data, self.design, noise)
         return self._whitened[noise].with_output(self.data)
+
+    def projected_under(self, noise: Noise) -> Recent:
+        """Columns that were whitened under a noise and projected off the baseline."""
+        if noise not in self._projected:
+            if len(self._projected) >= _NOISES:
+                self._projected.pop(next(iter(self._projected)))
+            self._projected[noise] = Recent(_PROJECTED)
+        return self._projected[noise]
 
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""

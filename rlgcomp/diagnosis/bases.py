@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import functools
 from typing import Any, Final, Self
 
 import numpy as np
@@ -31,6 +32,10 @@ class Basis(Hashed, abc.ABC):
     @abc.abstractmethod
     def columns(self, run: Run) -> Array:
         """Columns on the bins of a run, shape (bins, k)."""
+
+    def weighted(self, run: Run, weights: Array) -> Array:
+        """The sum of the columns times their weights, on the bins of a run, shape (bins,)."""
+        return np.asarray(run.columns(self) @ weights)
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         """The same with one nonlinear parameter moved by so many steps of its grid."""
@@ -151,6 +156,11 @@ class EachRun(Basis):
         own = self.basis.columns(run)
         return np.hstack([own * (run.name == name) for name in self.runs])
 
+    def weighted(self, run: Run, weights: Array) -> Array:
+        if run.name not in self.runs:
+            return np.zeros(run.bins)
+        return self.basis.weighted(run, weights.reshape(len(self.runs), -1)[self.runs.index(run.name)])
+
     def nearby(self, step: float) -> tuple[Self, ...]:
         return tuple(dataclasses.replace(self, basis=basis) for basis in self.basis.nearby(step))
 
@@ -205,10 +215,15 @@ class Glitch(Basis):
 
 def gaussian_process(u: Array, width: float, knots: int) -> Array:
     """Columns of a squared-exponential Gaussian process on knots over -1 to 1, shape (n, knots)."""
-    places = np.linspace(-1.0, 1.0, knots)
-    cross = np.exp(-0.5 * ((u[:, None] - places) / width) ** 2)
-    root = np.linalg.cholesky(kernel(places / width) + _JITTER * np.eye(knots))
-    return np.asarray(np.linalg.solve(root, cross.T).T)
+    cross = np.exp(-0.5 * ((u[:, None] - np.linspace(-1.0, 1.0, knots)) / width) ** 2)
+    return np.asarray(cross @ _inverse_root(width, knots))
+
+
+@functools.lru_cache(maxsize=64)
+def _inverse_root(width: float, knots: int) -> Array:
+    """The inverse of the transposed Cholesky factor of the covariance at the knots."""
+    covariance = kernel(np.linspace(-1.0, 1.0, knots) / width) + _JITTER * np.eye(knots)
+    return np.linalg.inv(np.linalg.cholesky(covariance)).T
 
 
 def kernel(scaled: Array) -> Array:

@@ -146,7 +146,7 @@ class Run:
     white: Array
     readings: Mapping[str, Readings]
     recording: Recording
-    cache: dict[object, Array] = dataclasses.field(default_factory=dict, repr=False)
+    cache: dict[object, Any] = dataclasses.field(default_factory=dict, repr=False)
     kept: dict[object, Any] | None = dataclasses.field(default=None, repr=False)
     derived: dict[object, Any] = dataclasses.field(default_factory=dict, repr=False)
     within: Within | None = None
@@ -214,7 +214,7 @@ class Run:
         kept = np.rint((self.binned.time_s - self.binned.time_s[0]) / self.grid.bin_s).astype(np.intp)
         column = np.where(kept < self.bins, values[np.minimum(kept, self.bins - 1)], self.binned.column(name))
         binned = self.binned.with_column(name, column)
-        cache: dict[object, Array] = {key: one for key, one in self.cache.items() if not _follows(key, name)}
+        cache: dict[object, Any] = {key: one for key, one in self.cache.items() if not _follows(key, name)}
         cache[("column", name)] = values
         return dataclasses.replace(self, binned=binned, cache=cache, kept=None, derived={})
 

@@ -29,7 +29,7 @@ from rlgcomp.diagnosis.record import Request
 from rlgcomp.diagnosis.regions import laws, named, own_bases
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.scores import score
-from rlgcomp.diagnosis.screen import Layout
+from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.states import State
@@ -307,7 +307,9 @@ class Repeated:
         runs = Prepared.of(simulator, None, train, [], [], gyro=gyro, output=None)
         request = _request(runs, mechanisms, gyro, None, None)
         bank, regions, _ = _Engine(runs, mechanisms, request, gyro, None, None, None, None).question(runs.train)
-        return cls(bank, tuple(regions), Search(bank, regions).layout)
+        layout = Search(bank, regions).layout
+        layout.keeps = KEPT_BY_REPEATED
+        return cls(bank, tuple(regions), layout)
 
     @one_blas_thread
     def posterior(self, time_s: Sequence[Array], added: Sequence[Array]) -> Posterior:

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bank import Bank, Recent, Scaled
+from rlgcomp.diagnosis.bank import Bank, Scaled
 from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.errors import Errors, errors_of
 from rlgcomp.diagnosis.lateness import Late, Prediction
@@ -30,7 +30,6 @@ from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
-_KEPT: Final = 400  # projected columns of one noise
 _LEAST: Final = 1e-12  # of a square, that a set leaves
 LOG_SIZE: Final = -math.log(len(priors.SIZES))
 
@@ -70,7 +69,7 @@ class Evidence:
     def __init__(self, bank: Bank, noise: Noise, log_prior: float) -> None:
         self.bank, self.noise, self.log_prior = bank, noise, log_prior
         self.whitened = bank.whitened(noise)
-        self._projected = Recent(_KEPT)
+        self._projected = bank.projected_under(noise)
 
     @property
     def output(self) -> Array:
@@ -155,9 +154,16 @@ class Evidence:
         """Columns of a set, shape (n, r)."""
         return self.columns([(basis, m.size * scale) for m in members for basis, scale in self.bank.scaled(m.form) or ()])
 
-    def log_evidence(self, members: Set) -> float:
-        """Of a set under this noise; priors of the set and of the noise are not in it, but that some weights are positive is."""
-        given = self.given(members)
+    def log_evidence(self, members: Set, given: Conditional | None = None) -> float:
+        """Of a set under this noise; priors of the set and of the noise are not in it, but that some weights are positive is.
+
+        Parameters
+        ----------
+        members : tuple of Member
+        given : Conditional, optional
+            With the set in the model, where it is known.
+        """
+        given = given or self.given(members)
         if not any(member.form.positive for member in members):
             return given.log_evidence
         widths = [sum(self.bank.reduced(basis).shape[1] for basis, _ in self.bank.scaled(m.form) or ()) for m in members]
@@ -197,6 +203,7 @@ class Conditional:
     def __init__(self, evidence: Evidence, table: Array) -> None:
         self.evidence, self.table = evidence, table
         self.shared: list[Shared] = []  # of forms that were asked for
+        self.gains: dict[bytes, Array] = {}  # of forms of a layout that were wanted
         self.root: Array = np.asarray(np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table), dtype=np.float64)
         self.weights_half = _solved(self.root, table.T @ evidence.output)
         self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.root))))
@@ -294,15 +301,24 @@ class Conditional:
         """
         squares = priors.SIZES**2
         count, width = v_own.shape
-        grown = 1.0 + squares[:, None] * values  # (sizes, k)
-        share = squares[:, None] / grown
-        products = (both[:, :, :, None] * both[:, :, None, :]).reshape(len(values), count * width**2)
-        rest = (own - (share @ products).reshape(len(squares), count, width, width)) * squares[:, None, None, None]
-        left = v_own - ((share * along) @ both.reshape(len(values), count * width)).reshape(len(squares), count, width)
-        square = np.maximum(self.square - share @ along**2, _LEAST * self.square)
-        log_dets, left_over = _completed(rest, priors.SIZES[:, None, None] * left, square[:, None])
-        log_dets += self.log_det + np.sum(np.log(grown), axis=1)[:, None]
-        return np.asarray(self.of(log_dets, np.maximum(left_over, _LEAST * self.square))).T
+        stack = np.empty((len(squares), count, width + 1, width + 1))
+        gram, vector = stack[..., :width, :width], stack[..., width, :width]
+        square, log_det = np.full(len(squares), self.square), np.full(len(squares), self.log_det)
+        if len(values):
+            grown = 1.0 + squares[:, None] * values  # (sizes, k)
+            share = squares[:, None] / grown
+            products = (both[:, :, :, None] * both[:, :, None, :]).reshape(len(values), count * width**2)
+            np.subtract(own, (share @ products).reshape(gram.shape), out=gram)
+            np.subtract(v_own, ((share * along) @ both.reshape(len(values), count * width)).reshape(vector.shape), out=vector)
+            square, log_det = square - share @ along**2, log_det + np.sum(np.log(grown), axis=1)
+            gram *= squares[:, None, None, None]
+            vector *= priors.SIZES[:, None, None]
+        else:
+            np.multiply(own, squares[:, None, None, None], out=gram)
+            np.multiply(v_own, priors.SIZES[:, None, None], out=vector)
+        stack[..., width, width] = np.maximum(square, _LEAST * self.square)[:, None]
+        log_dets, left_over = _completed(stack)
+        return np.asarray(self.of(log_dets + log_det[:, None], np.maximum(left_over, _LEAST * self.square))).T
 
     def of_changes(self, log_det: Array, fallen: Array) -> Array:
         """Log evidence where a determinant has grown and the square has fallen by so much."""
@@ -316,28 +332,25 @@ def _solved(root: Array, right: Array) -> Array:
     return np.asarray(solve_triangular(root, right, lower=True, check_finite=False)) if len(root) else right
 
 
-def _completed(gram: Array, vector: Array, square: Array) -> tuple[Array, Array]:
+def _completed(stack: Array) -> tuple[Array, Array]:
     """Log determinants of I + G, and what squares q fall to, q - vᵀ (I + G)⁻¹ v: by one Cholesky factor of both.
 
     Parameters
     ----------
-    gram : ndarray, shape (..., m, m)
-    vector : ndarray, shape (..., m)
-    square : ndarray, shape (...)
+    stack : ndarray, shape (..., m + 1, m + 1)
+        G, and v and q in the last row; changed. What is right of the diagonal is not read.
     """
-    width = vector.shape[-1]
+    width = stack.shape[-1] - 1
+    gram, vector, square = stack[..., :width, :width], stack[..., width, :width], stack[..., width, width]
     if width == 1:
         grown = np.maximum(1.0 + gram[..., 0, 0], 1.0)
         return np.log(grown), square - vector[..., 0] ** 2 / grown
-    both = np.empty((*vector.shape[:-1], width + 1, width + 1))
-    both[..., :width, :width] = gram
-    both[..., range(width), range(width)] += 1.0
-    both[..., width, :width] = vector
-    both[..., width, width] = square
+    diagonal = np.einsum("...ii->...i", gram)  # a view
+    diagonal += 1.0
     try:
-        pivots = np.diagonal(np.linalg.cholesky(both), axis1=-2, axis2=-1)
+        pivots = np.diagonal(np.linalg.cholesky(stack), axis1=-2, axis2=-1)
     except np.linalg.LinAlgError:
-        roots = cholesky_roots(both[..., :width, :width])
+        roots = cholesky_roots(gram)
         half = np.linalg.solve(roots, vector[..., None])[..., 0]
         log_det = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)), axis=-1)
         return log_det, square - np.sum(half**2, axis=-1)

@@ -60,11 +60,11 @@ class Prediction:
         """On the bins of a run, shape (bins,)."""
         stated, columns = self._of_baseline(run)
         total = stated + columns @ self.numbers
-        return np.asarray(sum((run.columns(basis) @ w for basis, w in self.parts), total))
+        return np.asarray(sum((basis.weighted(run, w) for basis, w in self.parts), total))
 
     def _of_baseline(self, run: Run) -> tuple[Array, Array]:
-        """What the baseline states and its free columns; made once in a run that keeps its columns."""
-        kept = {} if run.kept is None else run.kept
+        """What the baseline states and its free columns; made once in a run."""
+        kept = run.derived if run.kept is None else run.kept
         if "baseline" not in kept or kept["baseline"][0] is not self.baseline:
             stated, columns = run.on_bins(self.baseline.stated(run.binned)), self.baseline.columns(run)
             kept["baseline"] = self.baseline, stated, columns

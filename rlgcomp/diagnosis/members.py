@@ -19,9 +19,11 @@ from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.diagnosis.variants import gains
 
+Array = npt.NDArray[np.float64]
 _MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
 _SCREENS: Final = 16  # of all forms under a noise, that are kept
 _EVIDENCES: Final = 80
+_CONDITIONALS: Final = 24  # sets under a noise, that are kept
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
 _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
@@ -47,12 +49,15 @@ class Members:
         bank.prepare((form for region in regions for form in region.forms), hold=True)
         self.regions = {region.key: self._possible(region) for region in regions}
         self.forms = tuple(form for region in self.regions.values() for form in region.forms)
-        self.region_of = np.array([form.region for form in self.forms])
+        self.log_shares = np.array([form.log_share for form in self.forms])
+        ends = np.cumsum([len(region.forms) for region in self.regions.values()]).tolist()
+        self.rows = {key: slice(a, b) for key, a, b in zip(self.regions, [0, *ends], ends, strict=False)}  # of each region's forms
         self.layout = layout or Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
         self.hypotheses = Hypotheses.of(bank.data)
         self.noise_log_prior = self.hypotheses.log_prior()
         self._evidences: dict[Noise, Evidence] = {}
         self._screens: dict[Noise, Screen] = {}
+        self._conditionals: dict[tuple[Noise, Set], Conditional] = {}
 
     def _section(self, key: str) -> str:
         """Of the layout: laws of which there are many forms by themselves, other laws together, and what is not a law together."""
@@ -71,6 +76,19 @@ class Members:
             _forget_oldest(self._evidences, _EVIDENCES)
             self._evidences[noise] = Evidence(self.bank, noise, self.log_prior_of(noise))
         return self._evidences[noise]
+
+    def given(self, noise: Noise, members: Set) -> Conditional:
+        """The evidence under a noise with a set in the model; those that were last asked for are kept."""
+        found = self._conditionals.pop((noise, members), None)
+        if found is None:
+            _forget_oldest(self._conditionals, _CONDITIONALS)
+            found = self.evidence(noise).given(members)
+        self._conditionals[noise, members] = found
+        return found
+
+    def log_evidence(self, noise: Noise, members: Set) -> float:
+        """Of a set under a noise, as of :meth:`~rlgcomp.diagnosis.evidence.Evidence.log_evidence`."""
+        return self.evidence(noise).log_evidence(members, self.given(noise, members))
 
     def screen(self, noise: Noise) -> Screen:
         """All forms under a noise."""
@@ -102,19 +120,29 @@ class Members:
         i, j = np.unravel_index(int(np.argmax(table)), table.shape)
         return float(table[i, j]), Member(possible[i], float(priors.SIZES[j]))
 
+    def wanted(self, keys: Iterable[str]) -> npt.NDArray[np.bool_]:
+        """Whether each form is of one of some regions, shape (forms,)."""
+        found = np.zeros(len(self.forms), np.bool_)
+        for key in keys:
+            found[self.rows[key]] = True
+        return found
+
+    def of_region(self, region: Region, given: Conditional, noise: Noise) -> Array:
+        """Log evidence and share of each form of a region and of each size, shape (forms, sizes)."""
+        rows = self.rows[region.key]
+        table = self.screen(noise).gains(given, self.wanted([region.key]))
+        return np.asarray(table[rows] + self.log_shares[rows, None])
+
     def best_of_region(
-        self, region: Region, given: Conditional, noise: Noise, wanted: npt.NDArray[np.bool_] | None = None
+        self, region: Region, given: Conditional, noise: Noise, wanted: Sequence[bool] | None = None
     ) -> tuple[float, Member] | None:
-        """The likeliest form of a region and its size; of those that are wanted."""
-        inside = self.region_of == region.key
-        if wanted is not None:
-            inside = inside & wanted
-        if not inside.any():
+        """The likeliest form of a region and its size; of those of its forms that are wanted."""
+        places = np.flatnonzero(np.ones(len(region.forms)) if wanted is None else wanted)
+        if not len(places):
             return None
-        places = np.flatnonzero(inside)
-        table = self.screen(noise).gains(given, inside)[inside] + np.array([self.forms[k].log_share for k in places])[:, None]
+        table = self.of_region(region, given, noise)[places]
         i, j = np.unravel_index(int(np.argmax(table)), table.shape)
-        return float(table[i, j]), Member(self.forms[places[i]], float(priors.SIZES[j]))
+        return float(table[i, j]), Member(region.forms[places[i]], float(priors.SIZES[j]))
 
     def of_equations(self, region: Region, given: Conditional, noise: Noise) -> list[Form]:
         """The likeliest form of the region's first equation and of its likeliest ones."""
@@ -126,7 +154,7 @@ class Members:
     def by_equation(self, region: Region, given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
         """The likeliest form of each of the region's equations, the likeliest first."""
         equations = dict.fromkeys(form.equation for form in region.forms)
-        masks = [np.array([form.region == region.key and form.equation == one for form in self.forms]) for one in equations]
+        masks = [[form.equation == one for form in region.forms] for one in equations]
         best = [found for mask in masks if (found := self.best_of_region(region, given, noise, mask)) is not None]
         return sorted(best, key=lambda one: one[0], reverse=True)
 
@@ -135,14 +163,14 @@ class Members:
         if not region.forms:
             return [best]
         assert region.grow is not None  # noqa: S101
-        can = np.array([form.region == region.key and next(iter(region.grow(form)), None) is not None for form in self.forms])
-        switching = np.array([grows and self.switches(form) for grows, form in zip(can, self.forms, strict=True)])
+        can = [next(iter(region.grow(form)), None) is not None for form in region.forms]
+        switching = [grows and self.switches(form) for grows, form in zip(can, region.forms, strict=True)]
         seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, switching))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
     def grown_from(self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise) -> Member:
         """A form with leading bases more, one by one as long as each is worth it."""
-        given = self.evidence(noise).given(others)
+        given = self.given(noise, others)
         value, member = self.polished(*first, given)
         while True:
             more = self.likeliest(given, self._promising(grow(member.form), (*others, member), noise)) or (value, member)
@@ -158,7 +186,7 @@ class Members:
     def _promising(self, forms: Iterable[Form], members: Set, noise: Noise) -> list[Form]:
         """Of forms with one leading basis more than the last member has, those whose further basis gains most beside it."""
         further = {dataclasses.replace(form, lead=form.lead[-1:], smooth=(), own=()): form for form in forms}
-        possible, table = gains(self.evidence(noise).given(members), further)
+        possible, table = gains(self.given(noise, members), further)
         at = int(np.argmin(np.abs(priors.SIZES - members[-1].size)))
         return [further[possible[k]] for k in np.argsort(table[:, at])[::-1][:_PROMISING]]
 
@@ -235,21 +263,16 @@ class Members:
     def volume(self, members: Set, k: int, noise: Noise) -> float:
         """Log of the posterior of all forms and sizes of one member over that of its own."""
         others, own = (*members[:k], *members[k + 1 :]), members[k]
-        given = self.evidence(noise).given(others)
+        given = self.given(noise, others)
         point = given.gain(own.form) + own.form.log_share + own.of_sizes
-        values = [*point.tolist()]
-        mask = self.region_of == own.form.region
-        if mask.any():
-            table = self.screen(noise).gains(given, mask)[mask]
-            table += np.array([form.log_share for form in self.regions[own.form.region].forms])[:, None]
-            values += [
-                v for form, row in zip(self.regions[own.form.region].forms, table, strict=True) if form != own.form for v in row
-            ]
+        region = self.regions[own.form.region]
+        table = self.of_region(region, given, noise)[[form != own.form for form in region.forms]] if region.forms else point[:0]
+        values = np.concatenate([point, table.ravel()])
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return log_sum(values) - float(at)
 
 
-def _forget_oldest(kept: dict[Noise, Any], most: int) -> None:
+def _forget_oldest(kept: dict[Any, Any], most: int) -> None:
     """Make room for one more."""
     while len(kept) >= most:
         kept.pop(next(iter(kept)))
@@ -257,7 +280,7 @@ def _forget_oldest(kept: dict[Noise, Any], most: int) -> None:
 
 def log_sum(values: Iterable[float]) -> float:
     """Logarithm of a sum of exponentials."""
-    found = np.array(list(values))
+    found = values if isinstance(values, np.ndarray) else np.array(list(values))
     top = float(found.max())
     if top == -math.inf:
         return top

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, lagged
 from rlgcomp.numerics.hysteresis import play_paths
-from rlgcomp.numerics.relays import STARTS, Start, relay_states, states_after, states_before, turning_points
+from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
 
 Array = npt.NDArray[np.float64]
 Histories = tuple[tuple[str, tuple[float, ...]], ...]
@@ -29,7 +29,6 @@ _KNOTS: Final = 24  # of a smooth density, along the middles of loops and along 
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
-_STEPS: Final = 65534.0  # of a state from 0 to 1; a half is one of them
 _SPREAD: Final = 10  # radii of a mean over plays
 _AFTER: Final = ""  # the name of a run after all others
 _LEAST_TURN: Final = 0.02  # of a driver's half range: no relay that matters is narrower
@@ -241,11 +240,19 @@ class Preisach(Basis):
     histories: Histories = ()
 
     def columns(self, run: Run) -> Array:
-        up, down = dense(self.levels)
+        return self._sums(run, self.densities())
+
+    def weighted(self, run: Run, weights: Array) -> Array:
+        return self._sums(run, (self.densities() @ weights)[:, None])[:, 0]
+
+    def _sums(self, run: Run, densities: Array) -> Array:
+        """Sums over the relays, each one half on or off, with some densities, shape (bins, k)."""
         key = ("plane", self.driver, self.levels, self.start, before := _before(run, self.histories))
         if key not in run.cache:
-            run.cache[key] = _packed(relays(self.driver.values(run), up, down, self.start, before))
-        return np.asarray((_unpacked(run.cache[key]) - np.float32(0.5)) @ self.densities().astype(np.float32), dtype=np.float64)
+            up, down = dense(self.levels)
+            run.cache[key] = _switches(self.driver.values(run), up, down, self.start, before)
+        switches: Switches = run.cache[key]
+        return switches.sums(densities) - 0.5 * densities.sum(axis=0)
 
     def densities(self) -> Array:
         """Weights of the relays, shape (relays, k)."""
@@ -271,31 +278,27 @@ class Undecided(Basis):
     count: int = 1
 
     def columns(self, run: Run) -> Array:
-        up, down = dense(self.levels)
+        return self._switches(run).sums(_principal(self.radius, self.levels, self.count))
+
+    def weighted(self, run: Run, weights: Array) -> Array:
+        return self._switches(run).sums((_principal(self.radius, self.levels, self.count) @ weights)[:, None])[:, 0]
+
+    def _switches(self, run: Run) -> Switches:
         key = ("undecided", self.driver, self.levels)
         if key not in run.cache:
-            values = self.driver.values(run)
-            left = relays(values, up, down, "above") - relays(values, up, down, "below")
-            run.cache[key] = _packed(left)
-        return np.asarray(_unpacked(run.cache[key]) @ _principal(self.radius, self.levels, self.count), dtype=np.float64)
-
-
-def _packed(states: Array) -> npt.NDArray[Any]:
-    """States of relays from 0 to 1 in two bytes each; a step of them is less than rounding in the sum over a plane."""
-    return np.rint(_STEPS * states).astype(np.uint16)
-
-
-def _unpacked(states: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-    return states.astype(np.float32) * np.float32(1.0 / _STEPS)
+            values, (up, down) = self.driver.values(run), dense(self.levels)
+            run.cache[key] = _switches(values, up, down, "above").less(_switches(values, up, down, "below"))
+        switches: Switches = run.cache[key]
+        return switches
 
 
 @functools.lru_cache(maxsize=8)
-def _principal(radius: float, levels: int, count: int) -> npt.NDArray[np.float32]:
+def _principal(radius: float, levels: int, count: int) -> Array:
     """Densities of the largest variance, shape (relays, count)."""
     if count == 1:
-        return _densities(radius, False, 0.0, levels).astype(np.float32)
+        return _densities(radius, False, 0.0, levels)
     vectors, sizes, _ = np.linalg.svd(_densities(radius, True, _SMOOTH_HISTORY, levels), full_matrices=False)
-    return np.asarray((vectors * sizes)[:, :count], dtype=np.float32)
+    return np.asarray((vectors * sizes)[:, :count])
 
 
 @functools.lru_cache(maxsize=64)
@@ -335,8 +338,17 @@ def dense(count: int) -> tuple[Array, Array]:
 
 def relays(values: Array, up: Array, down: Array, start: Start, before: Sequence[float] = ()) -> Array:
     """States of relays, 0 or 1, shape (bins, relays); 0.5 until the run, or what was before it, decides an unknown state."""
-    first = states_before(before[0] if len(before) else values[0], up, down, start)
-    return relay_states(values, up, down, states_after(before, up, down, first))
+    return relay_states(values, up, down, _first(values, up, down, start, before))
+
+
+def _switches(values: Array, up: Array, down: Array, start: Start, before: Sequence[float] = ()) -> Switches:
+    """Changes of these states from bin to bin."""
+    return Switches.of(values, up, down, _first(values, up, down, start, before))
+
+
+def _first(values: Array, up: Array, down: Array, start: Start, before: Sequence[float]) -> Array:
+    """States of relays before the first value, shape (relays,)."""
+    return states_after(before, up, down, states_before(before[0] if len(before) else values[0], up, down, start))
 
 
 def one_after_the_other(driver: Driver, runs: Sequence[Run]) -> Histories:

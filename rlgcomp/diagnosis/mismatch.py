@@ -131,7 +131,7 @@ def _changes(panel: Panel, products: Products, vectors: Array) -> tuple[Array, A
         schur = np.eye(width) + square * (products.own - heavy @ np.moveaxis(turned, 1, 0))
         left = own - heavy @ along
         log_dets.append(np.sum(np.log(grown)) + np.linalg.slogdet(schur)[1])
-        falls.append((square / grown) @ along**2 + square * np.sum(left * np.linalg.solve(schur, left), axis=1))
+        falls.append((square / grown) @ along**2 + square * np.sum(left * (np.linalg.inv(schur) @ left), axis=1))
     return np.stack(log_dets, axis=1), np.stack(falls, axis=1)
 
 

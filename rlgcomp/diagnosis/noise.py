@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.errors import Errors
 Array = npt.NDArray[np.float64]
 _RATIO: Final = 5.0  # between the time constants of the relaxations
 _RELAXATIONS: Final = 6
+_MANY: Final = 32  # columns, from which on a product leaves out the zeros of a triangle
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,14 +174,14 @@ class Whitened:
         """Columns of window means, whitened."""
         found = np.empty(columns.shape)
         for rows, factor in zip(self._slices, self._factors, strict=True):
-            found[rows] = columns[rows] * factor[:, None] if factor.ndim == 1 else factor @ columns[rows]
+            found[rows] = columns[rows] * factor[:, None] if factor.ndim == 1 else _times(factor, columns[rows])
         return found
 
     def adjoint(self, table: Array) -> Array:
         """A table that has with columns of window means the products that whitened tables have with projected columns."""
         left, found = self.off(table), np.empty(table.shape)
         for rows, factor in zip(self._slices, self._factors, strict=True):
-            found[rows] = left[rows] * factor[:, None] if factor.ndim == 1 else factor.T @ left[rows]
+            found[rows] = left[rows] * factor[:, None] if factor.ndim == 1 else _times(factor, left[rows], transposed=True)
         return found
 
     def off(self, white: Array) -> Array:
@@ -188,9 +189,19 @@ class Whitened:
         return np.asarray(white - self.basis @ (self.basis.T @ white))
 
 
+def _times(factor: Array, columns: Array, *, transposed: bool = False) -> Array:
+    """A lower triangular factor, or its transpose, times columns."""
+    if columns.shape[1] < _MANY:
+        return np.asarray(factor.T @ columns if transposed else factor @ columns)
+    from scipy.linalg.blas import dtrmm
+
+    return np.asarray(dtrmm(1.0, factor, columns.T, side=1, lower=1, trans_a=not transposed).T)
+
+
 def _inverse_root(covariance: Array) -> Array:
     """The inverse of the lower Cholesky factor."""
-    from scipy.linalg import cholesky, solve_triangular
+    from scipy.linalg import cholesky
+    from scipy.linalg.lapack import dtrtri
 
-    root = cholesky(covariance, lower=True, check_finite=False)
-    return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False))
+    inverse, _ = dtrtri(cholesky(covariance, lower=True, check_finite=False), lower=1, overwrite_c=1)
+    return np.asarray(inverse)

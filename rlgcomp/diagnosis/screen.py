@@ -32,7 +32,9 @@ Scaled = tuple[tuple[Basis, float], ...]
 _OWN: Final = 8  # columns of a form beside those that it shares
 _SHARED: Final = 4  # columns that are shared, at least
 _ALIKE: Final = 4  # forms that share them, at least
+_MOST: Final = 0.5  # of a section's columns, from which on no part of them is copied
 _KEPT: Final = 64  # products of a section under a noise
+KEPT_BY_REPEATED: Final = 1000  # the same where a search is repeated with other outputs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,13 +70,15 @@ class Section:
     forms: IntArray
 
     def cross(self, given: Conditional, panels: Sequence[Panel]) -> Array:
-        """L⁻¹ AᵀB of a set with the columns of some panels, shape (r, C); zero of other columns."""
+        """L⁻¹ AᵀB of a set with the columns of some panels, shape (r, C); others are of no account."""
         used = np.zeros(self.table.shape[1], np.bool_)
         for panel in panels:
             used[panel.own] = True
             used[panel.shared] = True
+        if used.mean() > _MOST:
+            return given.cross(self.table)
         found = np.zeros((len(given.weights_half), len(used)))
-        found[:, used] = given.cross(self.table if used.all() else self.table[:, used])
+        found[:, used] = given.cross(self.table[:, used])
         return found
 
     @classmethod
@@ -138,6 +142,7 @@ class Layout:
         self.forms = tuple(forms)
         self.sized = [(k, np.array(form.sizes)) for k, form in enumerate(forms) if form.sizes]  # priors of sizes of their own
         self.drawn: dict[Hashable, Array] = {}  # the statistic of draws of a noise
+        self.keeps = _KEPT
         self._products: dict[tuple[Noise, int], tuple[Products, ...]] = {}
         by_label: dict[Hashable, list[int]] = defaultdict(list)
         for k in range(len(forms)):
@@ -146,9 +151,11 @@ class Layout:
 
     def products(self, number: int, whitened: Whitened) -> tuple[Products, ...]:
         """Of each panel of a section under a noise; those of a few noises are kept."""
+        if whitened.noise.errors is not None:  # of one search alone
+            return _products(self.sections[number], whitened)
         key = whitened.noise, number
         if key not in self._products:
-            if len(self._products) >= _KEPT:
+            if len(self._products) >= self.keeps:
                 self._products.pop(next(iter(self._products)))
             self._products[key] = _products(self.sections[number], whitened)
         return self._products[key]
@@ -204,15 +211,20 @@ class Screen:
         Parameters
         ----------
         given : Conditional
-            Under the same noise.
+            Under the same noise; it keeps what was asked of it.
         wanted : ndarray of bool, shape (forms,), optional
         """
+        key = b"" if wanted is None else wanted.tobytes()
+        if key in given.gains:
+            return given.gains[key]
         found = np.full((len(self.layout.forms), len(priors.SIZES)), -np.inf)
         for k, section in enumerate(self.layout.sections):
             if wanted is None or wanted[section.forms].any():
                 self._fill(found, given, k, wanted)
         for k, of_sizes in self.layout.sized:
             found[k] += of_sizes
+        found.flags.writeable = False
+        given.gains[key] = found
         return found
 
     def _fill(self, found: Array, given: Conditional, number: int, wanted: npt.NDArray[np.bool_] | None) -> None:

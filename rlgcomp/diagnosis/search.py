@@ -101,7 +101,7 @@ class Search(States):
         region = self.regions[last.form.region]
         if region.nuisance or len(runs) < 2:
             return state
-        given = self.evidence(state.noise).given(tuple(others))
+        given = self.given(state.noise, tuple(others))
         forms = dict.fromkeys((last.form, *self.of_equations(region, given, state.noise)))
         value, found = self.best(given, last.form)[0], self.likeliest(given, [one for f in forms for one in selections(f, runs)])
         if found is None or found[0] <= value + WORTH_MORE:
@@ -111,7 +111,7 @@ class Search(States):
     def _pairs(self, state: State) -> list[State]:
         """A state with the likeliest pairs of further regions that no step over one of them has led to; under little noise."""
         noise = self.calmest(state.noise.errors)
-        given = self.evidence(noise).given(state.members)
+        given = self.given(noise, state.members)
         taken = {member.form.region for member in state.members}
         forms = self._candidates(given, noise, taken)
         if len({form.region for form in forms}) < 2:
@@ -129,12 +129,9 @@ class Search(States):
 
     def _candidates(self, given: Conditional, noise: Noise, taken: set[str]) -> list[Form]:
         """The likeliest form of each further region that is no law, or a law that came near."""
-        wanted = np.array([key not in taken and (key in self._near or not self.is_law(key)) for key in self.region_of])
-        table = np.max(self.screen(noise).gains(given, wanted), axis=1) + np.array([form.log_share for form in self.forms])
-        best: dict[str, int] = {}
-        for k in np.flatnonzero(wanted):
-            if table[k] > table[best.setdefault(self.region_of[k], int(k))]:
-                best[self.region_of[k]] = int(k)
+        tried = [key for key in self.regions if key not in taken and (key in self._near or not self.is_law(key))]
+        table = np.max(self.screen(noise).gains(given, self.wanted(tried)), axis=1) + self.log_shares
+        best = {key: rows.start + int(np.argmax(table[rows])) for key in tried if (rows := self.rows[key]).start < rows.stop}
         laws = sorted((key for key in best if self.is_law(key)), key=lambda key: table[best[key]], reverse=True)
         return [self.forms[k] for key, k in best.items() if key not in laws[_LAWS_OF_PAIRS:]]
 

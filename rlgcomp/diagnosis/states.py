@@ -87,7 +87,7 @@ class States(Members):
 
         def value(one: Noise) -> float:
             if one not in found:
-                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.log_prior_of(one)
+                found[one] = self.log_evidence(one, members) + log_prior + self.log_prior_of(one)
             return found[one]
 
         noise = self.hypotheses.calmest if noise is None else noise
@@ -136,12 +136,11 @@ class States(Members):
         log_prior = self.log_prior(state.members)
         found: dict[str, list[tuple[float, Form, float, Noise]]] = {}
         sums: dict[str, list[float]] = {}
-        shares = np.array([form.log_share for form in self.forms])
-        wanted = np.isin(self.region_of, list(tried))
+        wanted = self.wanted(tried)
         for noise in self.core(state):
-            given = self.evidence(noise).given(state.members)
+            given = self.given(noise, state.members)
             offset = log_prior + self.log_prior_of(noise) + LOG_SIZE
-            of_forms = self.screen(noise).gains(given, wanted) + shares[:, None] + offset
+            of_forms = self.screen(noise).gains(given, wanted) + self.log_shares[:, None] + offset
             for key in tried:
                 region = self.regions[key]
                 if region.propose is not None:
@@ -149,7 +148,7 @@ class States(Members):
                     table = table + np.array([form.log_share for form in forms])[:, None] + offset
                 else:
                     forms = region.forms
-                    table = of_forms[self.region_of == key]
+                    table = of_forms[self.rows[key]]
                 if not table.size:
                     continue
                 table = table + region.log_odds
@@ -194,7 +193,7 @@ class States(Members):
         members = tuple(member for member in state.members if not member.form.positive)
         best, forms = self.converged(members, state.noise), self._late_forms(fitted[0])
         while forms and len(best.members) < MOST:
-            given = evidence.given(best.members)
+            given = self.given(state.noise, best.members)
             _, member = max((self.best(given, form) for form in forms), key=lambda one: one[0])
             tried = self.converged((*best.members, member), state.noise)
             if tried.log_posterior <= best.log_posterior:
@@ -267,7 +266,7 @@ class States(Members):
     def _chosen_again(self, members: Set, k: int, noise: Noise) -> Set:
         """One member's form and size, the others held."""
         others, own = (*members[:k], *members[k + 1 :]), members[k]
-        region, given = self.regions[own.form.region], self.evidence(noise).given(others)
+        region, given = self.regions[own.form.region], self.given(noise, others)
         value, member = self.best(given, own.form)
         found = self.best_of_region(region, given, noise)
         if found is not None and found[0] > value + WORTH:
@@ -286,7 +285,7 @@ class States(Members):
         if known in self._grown or state.log_posterior < top - WITHIN_REACH:
             return []
         self._grown.add(known)
-        region, given = self.regions[own.form.region], self.evidence(white).given(others)
+        region, given = self.regions[own.form.region], self.given(white, others)
         best = self.best_of_region(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
@@ -318,7 +317,7 @@ class States(Members):
     def _sharpest(self, members: Set, k: int, noise: Noise) -> Set:
         """One member at its finest, the others held."""
         others, own = (*members[:k], *members[k + 1 :]), members[k]
-        region, given = self.regions[own.form.region], self.evidence(noise).given(others)
+        region, given = self.regions[own.form.region], self.given(noise, others)
         best = self.best(given, own.form)
         if region.nuisance:
             return members

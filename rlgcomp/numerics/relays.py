@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.numerics.compiled import compiled
+from rlgcomp.numerics.compiled import available, compiled
 
 Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
 Start = Literal["rested", "below", "above", "unknown"]
 STARTS: Final[dict[str, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0, "unknown": 0.0}
 """From where an input came to its first value; the sign of its motion, which shifts the first value of a play by a radius."""
@@ -38,6 +40,56 @@ def relay_states(values: Array, up: Array, down: Array, first: Array) -> Array:
     states = np.empty((len(values), len(up)))
     _fill(np.ascontiguousarray(values), up, down, first, states)
     return states
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Switches:
+    """Changes of the states of many relays from bin to bin, most of which are none.
+
+    Parameters
+    ----------
+    bins : int
+    rows, relays : ndarray of int, shape (changes,)
+        Bin and relay of each change; in the first bin the state itself.
+    changes : ndarray, shape (changes,)
+    """
+
+    bins: int
+    rows: IntArray
+    relays: IntArray
+    changes: Array
+
+    @classmethod
+    def of(cls, values: Array, up: Array, down: Array, first: Array) -> Self:
+        """Those of the states of :func:`relay_states`; parameters as there."""
+        if not available():
+            states = relay_states(values, up, down, first)
+            changes = np.diff(states, axis=0, prepend=0.0)
+            rows, relays = np.nonzero(changes)
+            return cls(len(values), rows, relays, changes[rows, relays])
+        values = np.ascontiguousarray(values)
+        count = _switches(values, up, down, first, *(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)))
+        rows, relays, changes = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count)
+        _switches(values, up, down, first, rows, relays, changes)
+        return cls(len(values), rows, relays, changes)
+
+    def less(self, other: Switches) -> Switches:
+        """Those of the differences of the states from others."""
+        return Switches(
+            self.bins,
+            np.concatenate([self.rows, other.rows]),
+            np.concatenate([self.relays, other.relays]),
+            np.concatenate([self.changes, -other.changes]),
+        )
+
+    def sums(self, weights: Array) -> Array:
+        """Sums over the relays' states, weighted, shape (bins, k), of weights of shape (relays, k)."""
+        found = np.zeros((self.bins, weights.shape[1]))
+        if available():
+            _add(self.rows, self.relays, self.changes, np.ascontiguousarray(weights), found)
+        else:
+            np.add.at(found, self.rows, self.changes[:, None] * weights[self.relays])
+        return np.asarray(np.cumsum(found, axis=0))
 
 
 def states_before(first: float, up: Array, down: Array, start: str) -> Array:
@@ -102,3 +154,51 @@ def _fill(values: Array, up: Array, down: Array, first: Array, states: Array) ->
                 part = min(max(part, 0.0), 1.0)  # of the way between the two middles
                 states[k - 1, j] += change * max(0.5 - part, 0.0)
                 states[k, j] -= change * max(part - 0.5, 0.0)
+
+
+@compiled()
+def _switches(values: Array, up: Array, down: Array, first: Array, rows: IntArray, relays: IntArray, changes: Array) -> int:
+    """Number of changes; they are filled in where there is room for them."""
+    count, n, room = 0, len(values), len(rows)
+    for j in range(len(up)):
+        on = first[j]
+        if values[0] >= up[j]:
+            on = 1.0
+        elif values[0] <= down[j]:
+            on = 0.0
+        count = _noted(count, room, 0, j, on, rows, relays, changes)
+        for k in range(1, n):
+            change, level = 0.0, 0.0
+            if on < 1.0 and values[k] >= up[j]:
+                change, level = 1.0 - on, up[j]
+            elif on > 0.0 and values[k] <= down[j]:
+                change, level = -on, down[j]
+            if change == 0.0:
+                continue
+            on += change
+            early, late = 0.0, 0.0
+            if values[k] != values[k - 1]:
+                part = (level - values[k - 1]) / (values[k] - values[k - 1])
+                part = min(max(part, 0.0), 1.0)  # of the way between the two middles
+                early, late = change * max(0.5 - part, 0.0), change * max(part - 0.5, 0.0)
+            count = _noted(count, room, k - 1, j, early, rows, relays, changes)
+            count = _noted(count, room, k, j, change - early - late, rows, relays, changes)
+            if k + 1 < n:
+                count = _noted(count, room, k + 1, j, late, rows, relays, changes)
+    return count
+
+
+def _noted(count: int, room: int, k: int, j: int, change: float, rows: IntArray, relays: IntArray, changes: Array) -> int:
+    if change == 0.0:
+        return count
+    if count < room:
+        rows[count], relays[count], changes[count] = k, j, change
+    return count + 1
+
+
+@compiled()
+def _add(rows: IntArray, relays: IntArray, changes: Array, weights: Array, sums: Array) -> None:
+    for at in range(len(rows)):
+        row, relay, change = rows[at], relays[at], changes[at]
+        for k in range(weights.shape[1]):
+            sums[row, k] += change * weights[relay, k]
