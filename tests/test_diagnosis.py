@@ -13,16 +13,19 @@ import pytest
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Power, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.evidence import Evidence, Member
+from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.telegraph import slow_columns, telegraph, two_state
+from rlgcomp.diagnosis.states import State
+from rlgcomp.diagnosis.telegraph import Telegraph, slow_columns, telegraph, two_state
 from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.variants import gains
 from rlgcomp.recording import Recording
@@ -288,6 +291,20 @@ def test_a_two_state_process_beside_slow_noise_keeps_its_size(data: Data) -> Non
     assert found.half_step == pytest.approx(2.5, abs=0.15)
     assert found.sigma == pytest.approx(1.0, abs=0.1)
     assert np.mean(np.sign(found.path) == path) > 0.97
+
+
+def test_a_further_run_is_predicted_with_the_mean_of_a_two_state_process(data: Data) -> None:
+    """Its path is not known there, its mean is: two dwells of three to one are no part of the bias alone."""
+    path = np.where(np.arange(len(data)) % 40 < 30, 1.0, -1.0)
+    runs = [
+        dataclasses.replace(run, output=run.output + 0.01 * path[rows]) for run, rows in zip(data.runs, data.slices, strict=True)
+    ]
+    predicted = []
+    for some, seen in ((data, None), (Data(tuple(runs)), Telegraph(0.01, 1e-4, 20.0, path, 30.0, 0.0, 3.0))):
+        baseline = Baseline(Simulator.from_mapping(BASELINE)).linearised(some)
+        fit = Fit(some, baseline, Bank(some, baseline.design(some), baseline), State((), Noise(), 0.0, telegraph=seen))
+        predicted.append(fit.predicted(data.runs[1]))
+    assert predicted[1] - predicted[0] == pytest.approx(0.01 * path.mean(), abs=1e-6)
 
 
 def test_bases_have_the_memory_that_they_name(data: Data) -> None:

@@ -246,7 +246,7 @@ def _course(fit: Fit, member: int | None, run: Run, rows: slice) -> tuple[Array,
         seen = fit.state.telegraph
         assert seen is not None  # noqa: S101
         path = seen.path[rows][: len(run.windows)]
-        return seen.half_step * path, seen.half_step * np.sqrt(np.maximum(1.0 - path**2, 0.0))
+        return seen.half_step * (path - seen.path.mean()), seen.half_step * np.sqrt(np.maximum(1.0 - path**2, 0.0))
     inside = fit.inside(member)
     table = run.window_means(np.hstack([scale * basis.columns(run) for basis, scale in fit.parts[member][1]]))
     covariance = fit.solution.covariance[inside, inside]
