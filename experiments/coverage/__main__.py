@@ -29,6 +29,8 @@ TURN_ON_CASES = [
     *(("dynamic", runs, True) for runs in (1, 2, 4, 6)),
     *(("lssvm", runs, True) for runs in (1, 2)),
 ]
+IMU_CASES = [("dynamic", runs, False) for runs in (2, 4, 6)]
+IMU_UNITS = 1000, 2000  # added to a unit's number: the two other gyros of its IMU
 LEG_OFFSET_S = 60.0
 LEGS_MODELS = (
     ("dynamic", "temperature,temperature_rate", False),
@@ -79,21 +81,46 @@ def covered(seed: int, model: str, law: str, training: int) -> list[dict[str, fl
     return found
 
 
-def covered_with_turn_on(seed: int, model: str, training: int, stated: bool) -> list[dict[str, float]]:
-    """Shares of windows held, one row for each draw of the runs' biases, mean of the runs held out."""
+def covered_with_turn_on(seed: int, model: str, training: int, stated: bool, imu: bool = False) -> list[dict[str, float]]:
+    """Shares of windows held, one row for each draw of the runs' biases, mean of the runs held out.
+
+    Parameters
+    ----------
+    seed : int
+        Of the unit.
+    model : str
+    training : int
+        Number of training runs.
+    stated : bool
+        The repeatability is stated.
+    imu : bool
+        The recordings have the gyros of two further units, with biases of their own.
+    """
     logging.disable(logging.WARNING)
     unit, rng = rlg.simulated_unit(seed), stream(seed, "programmes")
-    runs = [unit.simulate(programme(rng), seed=k, step_s=STEP_S, name=f"{k}") for k in range(training + HELD_OUT)]
+    texts = [programme(rng) for _ in range(training + HELD_OUT)]
+    runs = [unit.simulate(text, seed=k, step_s=STEP_S, name=f"{k}") for k, text in enumerate(texts)]
+    others = [rlg.simulated_unit(seed + further) for further in IMU_UNITS] if imu else []
+    of_others = [
+        [other.simulate(text, seed=k, step_s=STEP_S).column("gyro_deg_h") for k, text in enumerate(texts)] for other in others
+    ]
     found = []
     for _ in range(DRAWS[model]):
         biases = TURN_ON_DEG_H * rng.standard_normal(len(runs))
         shifted = [run.with_column("gyro_deg_h", run.column("gyro_deg_h") + bias) for run, bias in zip(runs, biases, strict=True)]
+        for axis, columns in zip("yz", of_others, strict=False):
+            own = TURN_ON_DEG_H * rng.standard_normal(len(runs))
+            shifted = [
+                run.with_column(f"gyro_{axis}_deg_h", column + bias)
+                for run, column, bias in zip(shifted, columns, own, strict=True)
+            ]
         stated_deg_h = TURN_ON_DEG_H if stated else None
-        compensator = rlg.Compensator(MODELS[model].make(), turn_on_deg_h=stated_deg_h).fit(shifted[:training], screen=False)
+        compensator = rlg.Compensator(MODELS[model].make(), gyro="gyro_deg_h", turn_on_deg_h=stated_deg_h)
+        compensator.fit(shifted[:training], screen=False)
         held, zeroed = [], []
         interval = compensator.offset_interval(OFFSET_S)
         for run in shifted[training:]:
-            windows = window_means(run, compensator.pipeline_, compensator.averaging_s)
+            windows = window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro)
             error = windows.y_deg_h - compensator.predict_rows(windows.X)
             held.append(float(np.mean(np.abs(error) <= compensator.half_widths(windows.X))))
             first = windows.time_s < windows.time_s[0] + OFFSET_S
@@ -111,12 +138,21 @@ def covered_with_turn_on(seed: int, model: str, training: int, stated: bool) -> 
     return found
 
 
-def turn_on(work: Work, units: int) -> list[dict[str, object]]:
-    """One row for each model and number of training runs."""
-    pieces = [(seed, *case) for case in TURN_ON_CASES for seed in range(units)]
+def turn_on(work: Work, units: int, cases: Sequence[tuple[str, int, bool]], *, imu: bool = False) -> list[dict[str, object]]:
+    """One row for each model and number of training runs.
+
+    Parameters
+    ----------
+    work : Work
+    units : int
+    cases : sequence of (model, training runs, whether the repeatability is stated)
+    imu : bool
+        The recordings have the gyros of two further units.
+    """
+    pieces = [(seed, *case, *([True] if imu else [])) for case in cases for seed in range(units)]
     made = work.results("coverage turn-on", covered_with_turn_on, pieces)
     table: list[dict[str, object]] = []
-    for k, (model, training, stated) in enumerate(TURN_ON_CASES):
+    for k, (model, training, stated) in enumerate(cases):
         found = pd.DataFrame([row for rows in made[k * units : (k + 1) * units] for row in rows], dtype=float)
         means, errors = found.mean(), found.groupby("unit").mean().std() / np.sqrt(units)
         table.append(
@@ -179,6 +215,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--units", type=int, default=20, help="simulated gyro units (default 20)")
     Work.add_options(parser, "coverage")
     parser.add_argument("--turn-on", action="store_true", help="runs with biases of their own")
+    parser.add_argument("--imu", action="store_true", help="such runs, with three gyros each")
     parser.add_argument("--legs", action="store_true", help="the legs of a MEMS IMU's thermal cycle (../shared/data/real)")
     options = parser.parse_args(argv)
     if options.legs:
@@ -186,7 +223,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     if options.turn_on:
         title = f"Windows in their 90 % interval, turn-on biases of {TURN_ON_DEG_H:g} deg/h rms, {options.units} units"
-        show_table(title, turn_on(Work.of(options), options.units))
+        show_table(title, turn_on(Work.of(options), options.units, TURN_ON_CASES))
+        return
+    if options.imu:
+        title = f"The same of an IMU's three gyros, {options.units} units"
+        show_table(title, turn_on(Work.of(options), options.units, IMU_CASES, imu=True))
         return
     units, cases = (2, CASES[1:3]) if options.quick else (options.units, CASES)
     print(f"# Coverage of {100 * COVERAGE:.0f} % intervals, {units} units, {HELD_OUT} runs held out of each\n")

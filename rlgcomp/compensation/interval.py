@@ -15,11 +15,12 @@ with the mean of R - 1 others,
 .. math:: s^2 = \frac{R-1}{R} \Big( 1 + \frac1R \Big) \frac1R \sum_r d_r^2 .
 
 Of few runs s is hardly known. Other gyros of the same recordings, compensated alike, show it as well: gyros of one unit are taken
-to differ from run to run in proportion to the scatter v of their errors within runs, so that with G gyros
+to differ from run to run in proportion to the scatter v of their errors within runs. Their ratios are an inverse-gamma prior of
+:math:`s^2 / v^2`, in which each of G other gyros counts one degree of freedom, however many runs there are, as gyros are not quite
+alike:
 
-.. math:: s = v \, \Big( \frac1G \sum_g s_g^2 / v_g^2 \Big)^{1/2},
-
-and T has G (R - 1) degrees of freedom.
+.. math:: s^2 \leftarrow \frac{(R-1)\, s^2 + v^2 \sum_g s_g^2 / v_g^2}{R - 1 + G}, \qquad
+          T \text{ then having } R - 1 + G \text{ degrees of freedom.}
 
 Q is the half width that holds 90 % of :math:`e_i - d_r + s\,T`, every run counting the same. Leaving runs out once more shows how
 the scatter differs from run to run: with :math:`Q_{-r}` the 90 % quantile of :math:`|e_i - d_r|` of all runs but r,
@@ -155,14 +156,15 @@ class Interval:
         scores = [np.abs(error) for error in within]
         others = [quantile([*scores[:k], *scores[k + 1 :]] or scores, coverage) for k in range(len(scores))]
         margin_deg_h = quantile([score - other for score, other in zip(scores, others, strict=True)], coverage)
-        spread, gyros = _spread_of_runs(means, len(np.unique(groups))), 1
+        spread, degrees_of_freedom, gyros = _spread_of_runs(means, len(np.unique(groups))), max(1, len(means) - 1), 1
         if basis == "runs" and other_gyros is not None:
             of_others = [[gyro[rows] for rows in inside] for gyro in other_gyros]
-            spread, gyros = _pooled_spread(spread, within, of_others, len(np.unique(groups)))
-        degrees_of_freedom = gyros * max(1, len(means) - 1)
+            prior = _spreads_of_others(within, of_others, len(np.unique(groups)))
+            spread = _pooled(spread, degrees_of_freedom, prior)
+            degrees_of_freedom, gyros = degrees_of_freedom + len(prior), 1 + len(prior)
         if turn_on_deg_h > 0.0:
-            known = (1 if blocks else len(means)) - 1
-            spread, degrees_of_freedom = _with_stated(spread, gyros * known, turn_on_deg_h, known + 1)
+            from_runs = (1 if blocks else len(means)) - 1
+            spread, degrees_of_freedom = _with_stated(spread, from_runs + gyros - 1, turn_on_deg_h, from_runs + 1)
         inside_deg_h = _half_width(within, spread, degrees_of_freedom, coverage) + margin_deg_h
         inside_deg_h = max(inside_deg_h, float(stats.norm.ppf(0.5 + 0.5 * coverage)) * noise_deg_h)
         if not inside_deg_h > 0.0:
@@ -234,29 +236,33 @@ def _spread_of_runs(means: Array, count: int) -> float:
     return float(np.sqrt((count - 1) / count * (1.0 + 1.0 / count) * np.mean(means**2)))
 
 
-def _pooled_spread(spread: float, within: Sequence[Array], others: Sequence[Sequence[Array]], count: int) -> tuple[float, int]:
-    """s with that of other gyros, each over the scatter of its errors within runs, and the number of gyros.
+def _spreads_of_others(within: Sequence[Array], others: Sequence[Sequence[Array]], count: int) -> list[float]:
+    """s as each other gyro shows it, in proportion to the scatter of errors within runs.
 
     Parameters
     ----------
-    spread : float
-        s of the gyro alone.
     within : sequence of ndarray
-        Its errors about the mean of each run.
+        Errors of the gyro about the mean of each run.
     others : sequence of sequence of ndarray
         The errors of each other gyro, run by run.
     count : int
         Runs, each left out in turn.
     """
-    scatter, ratios = _scatter(within), []
+    scatter, spreads = _scatter(within), []
     for errors in others:
         means = np.array([error.mean() for error in errors])
         own = _scatter([error - mean for error, mean in zip(errors, means, strict=True)])
-        if own > 0.0:
-            ratios.append(_spread_of_runs(means, count) / own)
-    if not ratios or scatter == 0.0:
-        return spread, 1
-    return scatter * float(np.sqrt(np.mean(np.square([spread / scatter, *ratios])))), 1 + len(ratios)
+        if own > 0.0 and scatter > 0.0:
+            spreads.append(scatter * _spread_of_runs(means, count) / own)
+    return spreads
+
+
+def _pooled(spread: float, degrees_of_freedom: int, prior: Sequence[float]) -> float:
+    """s with those of a prior, each of which counts one degree of freedom."""
+    if not prior:
+        return spread
+    squares = degrees_of_freedom * spread**2 + sum(one**2 for one in prior)
+    return math.sqrt(squares / (degrees_of_freedom + len(prior)))
 
 
 def _scatter(within: Sequence[Array]) -> float:

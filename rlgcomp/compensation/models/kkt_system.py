@@ -18,9 +18,10 @@ touches 2³¹ numbers or has a leading dimension beyond a panel's. With :math:`u
 :math:`b = u \cdot z / u \cdot u`, :math:`\alpha = L^{-T}(z - b u)`; the diagonal of C comes from the columns of :math:`L^{-1}`, a
 panel at a time: n³/3 again.
 
-Reference
----------
+References
+----------
 J. A. K. Suykens et al., *Least Squares Support Vector Machines*, World Scientific, 2002, chapter 3.
+G. C. Cawley, N. L. C. Talbot, Neural Networks 17, 1467 (2004) (leave-one-out in closed form).
 """
 
 from __future__ import annotations

@@ -14,7 +14,6 @@ References
 ----------
 J. A. K. Suykens et al., *Least Squares Support Vector Machines*, World Scientific, 2002 (system, ch. 3; weighting, ch. 6).
 Temperature compensation method using readout signals of ring laser gyroscope, Opt. Express 23, 13320 (2015), eqs. (12)–(17).
-G. C. Cawley, N. L. C. Talbot, Neural Networks 17, 1467 (2004) (leave-one-out in closed form).
 """
 
 from __future__ import annotations
@@ -343,11 +342,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         if self.run_variance is not None:
             require_number(self, "run_variance", low=0.0)
         require_device(self)
-        whole = isinstance(self.linear, tuple | list) and all(isinstance(one, int) and one >= 0 for one in self.linear)
-        if not whole or len(set(self.linear)) < len(self.linear):
-            raise InputError(
-                f"The 'linear' parameter of LSSVMRegressor must name inputs by number, each once. Got {self.linear!r} instead."
-            )
+        partially_linear.require_places(self.linear)
 
     def _each(self, compute: Callable[[Array], Array]) -> Array:
         """What is computed from the alpha of each output, as columns; from the only one, as it is."""

@@ -124,6 +124,19 @@ class PartiallyLinear:
         return variance_reduction(gram + run_covariance, across, border, self.columns(X))
 
 
+def require_places(linear: Any) -> None:
+    """Raise unless the LS-SVM's parameter `linear` names inputs by number.
+
+    Raises
+    ------
+    InputError
+        It does not, or names one twice.
+    """
+    whole = isinstance(linear, tuple | list) and all(isinstance(one, int) and one >= 0 for one in linear)
+    if not whole or len(set(linear)) < len(linear):
+        raise InputError(f"The 'linear' parameter of LSSVMRegressor must name inputs by number, each once. Got {linear!r} instead.")
+
+
 def with_run_biases(
     system: System, runs: Array | None, variance: float | None, target: Array | None = None
 ) -> tuple[System, float]:
