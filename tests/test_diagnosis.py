@@ -245,6 +245,14 @@ def test_forms_together_have_the_evidence_that_each_has_alone(data: Data) -> Non
                 assert row == pytest.approx(alone, abs=1e-3)
 
 
+def test_many_columns_are_whitened_as_few_are(data: Data) -> None:
+    columns = np.random.default_rng(1).standard_normal((len(data), 40))
+    whitened = Whitened(data, np.ones((len(data), 1)), Noise(flicker=0.35, walk=1.0))
+    few = np.hstack([whitened.whiten(columns[:, k : k + 8]) for k in range(0, 40, 8)])
+    assert whitened.whiten(columns) == pytest.approx(few, abs=1e-12)
+    assert whitened.project(columns) == pytest.approx(whitened.off(few), abs=1e-12)
+
+
 def test_whitened_noise_is_white(data: Data) -> None:
     noise, rng = Noise(flicker=0.35, walk=1.0), np.random.default_rng(1)
     length = max(len(run.full) for run in data.runs)

@@ -218,7 +218,7 @@ def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
 
 
 def test_outliers_are_windows_that_no_other_foretells() -> None:
-    none = Errors((np.zeros((50, 50)), np.zeros((50, 50))))
+    none = Errors((50, 50), ((), ()))
     residual, usual = np.random.default_rng(4).standard_normal(100).clip(-3.0, 3.0), np.ones(100)
     assert none.with_outliers(residual, usual, ()).outliers == ()
     residual[60] = 9.0

@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.memories import Plays, Preisach, dense, one_after_the_other, plane, sides
+from rlgcomp.diagnosis.memories import Plays, Preisach, Undecided, dense, one_after_the_other, plane, relays, sides
+from rlgcomp.diagnosis.selections import OnlyIn
 from rlgcomp.numerics.relays import Switches, relay_states, states_after, states_before, turning_points
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -118,6 +120,22 @@ def test_a_play_goes_on_from_the_run_before(recordings: list[Recording], spread:
     if not spread:
         np.testing.assert_allclose(after.columns(data.runs[1])[:, 0], path[data.runs[0].bins :], atol=1e-2)
     assert np.max(np.abs(alone.columns(data.runs[1]) - after.columns(data.runs[1]))) > 0.05
+
+
+@pytest.mark.parametrize("compiled", ["1", "0"])
+def test_relays_are_summed_from_their_switches(recordings: list[Recording], compiled: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RLGCOMP_NUMBA", compiled)
+    data, rng = data_of(recordings), np.random.default_rng(0)
+    driver, names = Driver.of(data, "temperature_block_degC"), ("run0", "run2")
+    smooth = Preisach(driver, 0.4, True, 0.6, 16, start="unknown", histories=one_after_the_other(driver, data.runs))
+    for run in data.runs:
+        before = dict(smooth.histories)[run.name]
+        states = relays(driver.values(run), *dense(16), "unknown", before)
+        np.testing.assert_allclose(smooth.columns(run), (states - 0.5) @ smooth.densities(), atol=1e-9)
+        for basis in (smooth, Undecided(driver, 1.5, 16, 4), EachRun(Undecided(driver, 0.7, 16), names), OnlyIn(smooth, names)):
+            columns = basis.columns(run)
+            weights = rng.standard_normal(columns.shape[1])
+            np.testing.assert_allclose(basis.weighted(run, weights), columns @ weights, atol=1e-9)
 
 
 def test_the_same_basis_with_another_history_is_computed_anew(recordings: list[Recording]) -> None:

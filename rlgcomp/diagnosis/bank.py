@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import math
 from collections.abc import Iterable, Sequence
 from typing import Final, Self
@@ -15,46 +16,22 @@ from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis, EachRun
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.noise import Noise, Whitened
+from rlgcomp.diagnosis.recent import Recent
 from rlgcomp.diagnosis.selections import OnlyIn
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
-_KEPT_COLUMNS: Final = 4000  # window means of bases, and as many reduced ones, that were last asked for
+_KEPT_COLUMNS: Final = 4000  # window means of bases, as many reduced ones, and as many under noises, that were last asked for
 _AT_ONCE: Final = 500  # columns that are reduced together
 _NOISES: Final = 40  # whose factors are kept
-_PROJECTED: Final = 400  # columns under one of them
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
 _UNSEEN: Final = 1e-9  # of its variance, in a direction that no size brings above the noise
 Scaled = Sequence[tuple[Basis, float]]
 
 
-class Recent:
-    """Columns of bases, those that were last asked for.
-
-    Parameters
-    ----------
-    most : int
-        Columns of all of them.
-    """
-
-    def __init__(self, most: int) -> None:
-        self._most, self._count = most, 0
-        self._arrays: dict[Basis, Array] = {}
-
-    def get(self, basis: Basis) -> Array | None:
-        """Those of a basis; None where they are gone."""
-        found = self._arrays.pop(basis, None)
-        if found is not None:
-            self._arrays[basis] = found
-        return found
-
-    def put(self, basis: Basis, columns: Array) -> None:
-        """Those of a basis that has none here; the oldest make room."""
-        self._arrays[basis] = columns
-        self._count += columns.shape[1]
-        while self._count > self._most and len(self._arrays) > 1:
-            self._count -= self._arrays.pop(next(iter(self._arrays))).shape[1]
+def _width(table: Array) -> int:
+    return table.shape[1]
 
 
 class Bank:
@@ -72,12 +49,13 @@ class Bank:
     def __init__(self, data: Data, design: Array, baseline: Baseline | None = None) -> None:
         self.data, self.design, self.baseline = data, design, baseline
         self.white = Whitened(data, design, Noise())
-        self._whitened: dict[Noise, Whitened] = {}
-        self._projected: dict[Noise, Recent] = {}
-        self._columns = Recent(_KEPT_COLUMNS)
-        self._reduced = Recent(_KEPT_COLUMNS)
+        self.projected = Recent[tuple[Noise, Basis], Array](_KEPT_COLUMNS, _width)
+        self._whitened = Recent[Noise, Whitened](_NOISES)
+        self._columns = Recent[Basis, Array](_KEPT_COLUMNS, _width)
+        self._reduced = Recent[Basis, Array](_KEPT_COLUMNS, _width)
         self._held: dict[Basis, Array] = {}  # reduced columns of the forms of all regions
         self._squares: dict[Basis, tuple[float, float]] = {}
+        self._widths: dict[Basis, int] = {}
         self._scaled: dict[Form, tuple[tuple[Basis, float], ...] | None] = {}
 
     def with_output(self, data: Data) -> Self:
@@ -86,31 +64,22 @@ class Bank:
         found.data, found.white = data, self.white.with_output(data)
         return found
 
+    @functools.cached_property
+    def of_baseline(self) -> Array:
+        """Window means of the baseline's free columns, shape (n, p)."""
+        assert self.baseline is not None  # noqa: S101
+        return self.data.means(self.baseline.columns)
+
     def whitened(self, noise: Noise) -> Whitened:
         """The data under a noise."""
         if noise == Noise():
             return self.white
-        if noise not in self._whitened:
-            if len(self._whitened) >= _NOISES:
-                self._whitened.pop(next(iter(self._whitened)))
-            self._whitened[noise] = Whitened(self.data, self.design, noise)
-        return self._whitened[noise].with_output(self.data)
-
-    def projected_under(self, noise: Noise) -> Recent:
-        """Columns that were whitened under a noise and projected off the baseline."""
-        if noise not in self._projected:
-            if len(self._projected) >= _NOISES:
-                self._projected.pop(next(iter(self._projected)))
-            self._projected[noise] = Recent(_PROJECTED)
-        return self._projected[noise]
+        return self._whitened.of(noise, lambda: Whitened(self.data, self.design, noise)).with_output(self.data)
 
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""
-        found = self._columns.get(basis)
-        if found is None:
-            found = self._of_runs(basis) if isinstance(basis, OnlyIn | EachRun) else self.data.means(basis.columns)
-            self._columns.put(basis, found)
-        return found
+        of_runs = isinstance(basis, OnlyIn | EachRun)
+        return self._columns.of(basis, lambda: self._of_runs(basis) if of_runs else self.data.means(basis.columns))
 
     def _of_runs(self, basis: OnlyIn | EachRun) -> Array:
         """Window means of a basis in some of the runs, of those that are known of it in all."""
@@ -132,13 +101,20 @@ class Bank:
 
     def reduced(self, basis: Basis) -> Array:
         """Window means of a basis less what the baseline absorbs under white noise, in fewer columns of the same covariance."""
-        found = self._held.get(basis)
-        if found is None:
-            found = self._reduced.get(basis)
-        if found is None:
-            found = _reduced(self.white.project(self.columns(basis)) * np.sqrt(self.data.white)[:, None])
-            self._reduced.put(basis, found)
-        return found
+        return self.reduced_together([basis])[0]
+
+    def reduced_together(self, bases: Sequence[Basis]) -> list[Array]:
+        """The same of several bases."""
+        found = {basis: self._held.get(basis, self._reduced.get(basis)) for basis in bases}
+        lacking = [basis for basis, one in found.items() if one is None]
+        found |= dict(zip(lacking, self._prepare([(basis, self.columns(basis)) for basis in lacking], hold=False), strict=True))
+        return [one for basis in bases if (one := found[basis]) is not None]
+
+    def width(self, basis: Basis) -> int:
+        """Number of its reduced columns."""
+        if basis not in self._widths:
+            self.reduced(basis)
+        return self._widths[basis]
 
     def side_by_side(self, bases: Sequence[Basis]) -> Array:
         """Reduced columns of bases in one table, of which those that are held become parts."""
@@ -154,27 +130,33 @@ class Bank:
         """Compute the squares of all bases of some forms together, and hold their reduced columns where so is asked."""
         bases = dict.fromkeys(basis for form in forms for basis in (*form.lead, *form.departures) if basis not in self._squares)
         some: list[tuple[Basis, Array]] = []
+        count = 0
         for basis in bases:
             some.append((basis, self.columns(basis)))
-            if sum(table.shape[1] for _, table in some) >= _AT_ONCE:
+            count += some[-1][1].shape[1]
+            if count >= _AT_ONCE:
                 self._prepare(some, hold)
-                some = []
-        if some:
-            self._prepare(some, hold)
+                some, count = [], 0
+        self._prepare(some, hold)
 
-    def _prepare(self, some: Sequence[tuple[Basis, Array]], hold: bool) -> None:
+    def _prepare(self, some: Sequence[tuple[Basis, Array]], hold: bool) -> list[Array]:
+        """Reduced columns of bases of window means, which are kept with their squares and widths."""
+        if not some:
+            return []
         projected = self.white.project(np.hstack([table for _, table in some]))
         squares = np.sum(projected**2, axis=0) / len(self.data)
-        root = np.sqrt(self.data.white)[:, None]
-        edges = np.cumsum([0, *(table.shape[1] for _, table in some)])
+        projected *= np.sqrt(self.data.white)[:, None]
+        edges, found = np.cumsum([0, *(table.shape[1] for _, table in some)]), []
         for (basis, table), a, b in zip(some, edges[:-1], edges[1:], strict=True):
             whole = float(np.sum(np.mean(table**2 / self.data.white[:, None], axis=0)))
             self._squares[basis] = float(squares[a:b].sum()), whole
-            reduced = _reduced(root * projected[:, a:b])
+            found.append(_reduced(projected[:, a:b], self._widths.get(basis)))
+            self._widths[basis] = found[-1].shape[1]
             if hold:
-                self._held[basis] = reduced
+                self._held[basis] = found[-1]
             else:
-                self._reduced.put(basis, reduced)
+                self._reduced.put(basis, found[-1])
+        return found
 
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         self.prepare([form])
@@ -187,10 +169,17 @@ class Bank:
         return tuple(found)
 
 
-def _reduced(columns: Array) -> Array:
-    """Columns, or fewer of the same covariance: directions that no size could bring above the noise are left out."""
+def _reduced(columns: Array, width: int | None = None) -> Array:
+    """Columns, or fewer of the same covariance: directions that no size could bring above the noise are left out.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, k)
+    width : int, optional
+        Number of directions, where it is known.
+    """
     if columns.shape[1] < _WIDE:
         return np.ascontiguousarray(columns)
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    used = values > _UNSEEN * max(float(values.sum()), 1e-300)
-    return np.ascontiguousarray(columns @ vectors[:, used])
+    first = len(values) - width if width is not None else int(np.sum(values <= _UNSEEN * max(float(values.sum()), 1e-300)))
+    return np.ascontiguousarray(columns @ vectors[:, first:])

@@ -200,7 +200,7 @@ class Shift(Basis):
     basis: Basis
 
     def columns(self, run: Run) -> Array:
-        return np.gradient(self.basis.columns(run), axis=0)
+        return _slope(self.basis.columns(run))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -210,7 +210,15 @@ class Glitch(Basis):
     basis: Basis
 
     def columns(self, run: Run) -> Array:
-        return np.abs(np.gradient(self.basis.columns(run), axis=0))
+        return np.abs(_slope(self.basis.columns(run)))
+
+
+def _slope(columns: Array) -> Array:
+    """Central differences from bin to bin, at either end of two bins alone."""
+    found = np.empty_like(columns)
+    found[1:-1] = 0.5 * (columns[2:] - columns[:-2])
+    found[0], found[-1] = columns[1] - columns[0], columns[-1] - columns[-2]
+    return found
 
 
 def gaussian_process(u: Array, width: float, knots: int) -> Array:

@@ -268,8 +268,9 @@ class Run:
 
     def window_means(self, values: Array) -> Array:
         """Means of values on bins, shape (bins,) or (bins, k), over the counted windows."""
-        shape = (len(self.full), self.grid.bins, *values.shape[1:])
-        return np.asarray(values.reshape(shape).mean(axis=1)[self.full])
+        share = np.full(self.grid.bins, 1.0 / self.grid.bins)
+        means = share @ values.reshape(len(self.full), self.grid.bins, -1)
+        return np.asarray(means.reshape(len(self.full), *values.shape[1:])[self.full])
 
     def means(self, values: Array) -> Array:
         """All rows of values on bins: window means, then what varies within windows where there are rows for it."""

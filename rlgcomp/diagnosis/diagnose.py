@@ -308,7 +308,7 @@ class Repeated:
         request = _request(runs, mechanisms, gyro, None, None)
         bank, regions, _ = _Engine(runs, mechanisms, request, gyro, None, None, None, None).question(runs.train)
         layout = Search(bank, regions).layout
-        layout.keeps = KEPT_BY_REPEATED
+        layout.keep(KEPT_BY_REPEATED)
         return cls(bank, tuple(regions), layout)
 
     @one_blas_thread

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.hashed import Hashed
-from rlgcomp.numerics.filters import rate_per_min, read_noise
+from rlgcomp.numerics.filters import lag, rate_per_min, read_noise
 
 Array = npt.NDArray[np.float64]
 Combination = Literal["column", "difference", "contrast"]
@@ -136,9 +136,4 @@ class Path(Hashed):
 
 def lagged(values: Array, step_s: float, time_constant_s: float) -> Array:
     r"""First-order lag :math:`\tau \dot y = x - y`, exact for an input that is straight between samples, at rest at the first."""
-    from scipy.signal import lfilter
-
-    keep = np.exp(-step_s / time_constant_s)
-    share = time_constant_s / step_s * (1.0 - keep)
-    response = lfilter([1.0 - share, share - keep], [1.0, -keep], values - values[0])
-    return np.asarray(response + values[0])
+    return lag(values, step_s * np.arange(len(values)), time_constant_s)

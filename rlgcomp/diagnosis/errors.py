@@ -34,19 +34,32 @@ _MOVED: Final = 0.05  # of a rate's range, for the slope of what follows it
 _SAME: Final = 0.1  # of logarithms of variances, on average, is no difference
 
 
+Source = tuple[Array, Array]
+"""What a source of errors is multiplied by in each window, and the source's covariance, which all sets share."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Errors:
     """Covariance of the errors of drivers, run by run, over the variance of the white noise of a window mean.
 
     Parameters
     ----------
-    blocks : tuple of ndarray
+    windows : tuple of int
+        Of each run.
+    sources : tuple of tuple of (ndarray, ndarray)
+        In each run.
     outliers : tuple of int
         Windows that are outliers, which have a variance of their own.
     """
 
-    blocks: tuple[Array, ...] = dataclasses.field(repr=False)
+    windows: tuple[int, ...]
+    sources: tuple[tuple[Source, ...], ...] = dataclasses.field(repr=False)
     outliers: tuple[int, ...] = ()
+
+    @property
+    def blocks(self) -> tuple[Array, ...]:
+        """The covariance of each run."""
+        return _blocks(self)
 
     def with_outliers(self, residual: Array, spread: Array, known: tuple[int, ...], among: Collection[int] | None = None) -> Errors:
         """The same with windows as outliers where that is likelier.
@@ -64,41 +77,32 @@ class Errors:
         usual[list(known)] = np.maximum(usual[list(known)] - priors.OUTLIER_SIZE**2, 1.0)
         clear = 2.0 * (math.log(1.0 / priors.OUTLIER_ODDS) + math.log(priors.OUTLIER_SIZE))
         found = [int(k) for k in np.flatnonzero(residual**2 > clear * usual) if among is None or k in among]
-        if len(found) > _MOST_OUTLIERS * len(residual):
-            return self
-        blocks, first = [], 0
-        for block in self.blocks:
-            more = np.zeros(len(block))
-            more[[k - first for k in found if first <= k < first + len(block)]] = priors.OUTLIER_SIZE**2
-            blocks.append(block + np.diag(more))
-            first += len(block)
-        return Errors(tuple(blocks), tuple(found))
+        return self if len(found) > _MOST_OUTLIERS * len(residual) else dataclasses.replace(self, outliers=tuple(found))
 
     def of_runs(self, count: int) -> Errors:
         """The same for the first runs of so many."""
-        windows = sum(len(block) for block in self.blocks[:count])
-        return Errors(self.blocks[:count], tuple(k for k in self.outliers if k < windows))
+        windows = sum(self.windows[:count])
+        return Errors(self.windows[:count], self.sources[:count], tuple(k for k in self.outliers if k < windows))
 
     @functools.cached_property
     def without_outliers(self) -> Errors:
         """The same with no outliers."""
-        blocks, first = [], 0
-        for block in self.blocks:
-            more = np.zeros(len(block))
-            more[[k - first for k in self.outliers if first <= k < first + len(block)]] = priors.OUTLIER_SIZE**2
-            blocks.append(block - np.diag(more))
-            first += len(block)
-        return Errors(tuple(blocks))
+        return dataclasses.replace(self, outliers=())
 
     @property
     def log_prior(self) -> float:
         """Of the windows that are outliers."""
         return len(self.outliers) * math.log(priors.OUTLIER_ODDS)
 
-    @property
+    @functools.cached_property
     def variances(self) -> Array:
         """Of all windows, shape (n,)."""
-        return np.concatenate([np.diag(block) for block in self.blocks])
+        of_runs = zip(self.windows, self.sources, strict=True)
+        found = np.concatenate(
+            [sum((scale**2 * np.diag(source) for scale, source in parts), np.zeros(count)) for count, parts in of_runs]
+        )
+        found[list(self.outliers)] += priors.OUTLIER_SIZE**2
+        return found
 
     @property
     def count(self) -> bool:
@@ -109,6 +113,21 @@ class Errors:
         """Whether another is next to the same."""
         apart = np.mean(np.abs(np.log1p(self.variances) - np.log1p(other.variances)))
         return bool(apart < _SAME) and self.outliers == other.outliers
+
+
+@functools.lru_cache(maxsize=4)
+def _blocks(errors: Errors) -> tuple[Array, ...]:
+    """The covariance of each run; those that were last asked for are kept, for many noises of a gyro stand beside them."""
+    found, first = [], 0
+    for count, parts in zip(errors.windows, errors.sources, strict=True):
+        block = np.zeros((count, count))
+        for scale, source in parts:
+            block += scale[:, None] * source * scale
+        inside = [k - first for k in errors.outliers if first <= k < first + count]
+        block[inside, inside] += priors.OUTLIER_SIZE**2
+        found.append(block)
+        first += count
+    return tuple(found)
 
 
 def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[object], variance: float) -> Errors:
@@ -127,15 +146,12 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
     found = list(within(list(parts)))
     columns = columns_of(found, data)
     rates = dict.fromkeys(one for one in found if isinstance(one, Path) and one.memory == "rate")
-    blocks = []
+    of_runs = []
     for run in data.runs:
-        block = np.zeros((len(run.output), len(run.output)))
-        for column in columns:
-            block += _of_column(run, predicted, column)
-        for rate in rates:
-            block += _of_rate(run, predicted, rate)
-        blocks.append(block / variance)
-    return Errors(tuple(blocks))
+        parts = [part for column in columns for part in _of_column(run, predicted, column)]
+        parts += [_of_rate(run, predicted, rate) for rate in rates]
+        of_runs.append(tuple((scale / math.sqrt(variance), source) for scale, source in parts))
+    return Errors(tuple(len(run.output) for run in data.runs), tuple(of_runs))
 
 
 def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
@@ -144,24 +160,23 @@ def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
     return tuple(dict.fromkeys(column for column in found if column in data.columns))
 
 
-def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> Array:
-    """Covariance of what errors of a column bring."""
+def _of_column(run: Run, predicted: Callable[[Run], Array], column: str) -> list[Source]:
+    """What errors of a column bring."""
     readings = run.readings[column]
     size = math.sqrt(float(run.on_bins(readings.variance).mean()) + readings.step**2 / 12.0)
     if size == 0.0:
-        return np.zeros((len(run.output), len(run.output)))
+        return []
     signs, above, below = _moved(run, column, size)
     slope = (predicted(above) - predicted(below)) * signs / (2.0 * size)
     covariances = _covariances(run, column)
     if covariances is not None:
-        scale = run.means(slope)
-        return np.asarray(np.outer(scale, scale) * covariances[0])
+        return [(run.means(slope), covariances[0])]
     variance, width = run.on_bins(readings.variance), run.means(run.on_bins(readings.widths))
     together = np.minimum(1.0, np.maximum(1.0, 2.0 * math.sqrt(math.pi) * width) / run.grid.bins)
     scale = np.sqrt(run.means(slope**2 * variance) * together) * np.where(run.means(slope) < 0.0, -1.0, 1.0)
     rounding = run.means(slope * np.sqrt(run.on_bins(readings.rounding)))
     of_noise, of_rounding = _correlations(run, column)
-    return np.asarray(np.outer(scale, scale) * of_noise + np.outer(rounding, rounding) * of_rounding)
+    return [(scale, of_noise), (rounding, of_rounding)]
 
 
 def _correlations(run: Run, column: str) -> tuple[Array, Array]:
@@ -204,23 +219,28 @@ def _alike(run: Run, step: float, values: Array) -> Array:
     return np.asarray(np.sqrt(np.outer(share, share)) * np.exp(-np.abs(np.subtract.outer(at, at))))
 
 
-def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Array:
-    """Covariance of what errors of a slope bring."""
+def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Source:
+    """What errors of a slope bring."""
     values = rate.values(run)
     up, down = (
         predicted(dataclasses.replace(run, cache=run.cache | {rate: values + side}, derived={})) for side in (_MOVED, -_MOVED)
     )
     scale = run.means((up - down) / (2.0 * _MOVED)) / (rate.driver.half * rate.half)
-    total, smoothed = np.zeros((len(scale), len(scale))), []
-    for column in rate.driver.columns:
-        covariances = _covariances(run, column)
-        if covariances is None:
-            smoothed.append(column)
-        else:
-            total += covariances[1] / (run.grid.bin_s / 60.0) ** 2
-    if smoothed:
-        total += _of_slope(run, smoothed, rate.time_s)
-    return np.asarray(np.outer(scale, scale) * total)
+    key = ("slope", rate)
+    if key not in run.derived:
+        run.derived[key] = _of_slopes(run, rate)
+    return scale, run.derived[key]
+
+
+def _of_slopes(run: Run, rate: Path) -> Array:
+    """Covariance of errors of a rate in the unit of its columns per minute; no prediction changes it."""
+    covariances = {column: _covariances(run, column) for column in rate.driver.columns}
+    smoothed = [column for column, found in covariances.items() if found is None]
+    total = _of_slope(run, smoothed, rate.time_s) if smoothed else np.zeros((len(run.output), len(run.output)))
+    for found in covariances.values():
+        if found is not None:
+            total = total + found[1] / (run.grid.bin_s / 60.0) ** 2
+    return total
 
 
 def _of_slope(run: Run, columns: Sequence[str], time_s: float) -> Array:

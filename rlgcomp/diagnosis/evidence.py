@@ -69,7 +69,7 @@ class Evidence:
     def __init__(self, bank: Bank, noise: Noise, log_prior: float) -> None:
         self.bank, self.noise, self.log_prior = bank, noise, log_prior
         self.whitened = bank.whitened(noise)
-        self._projected = bank.projected_under(noise)
+        self._values: dict[Set, float] = {}
 
     @property
     def output(self) -> Array:
@@ -82,17 +82,15 @@ class Evidence:
 
     def projected(self, bases: Iterable[Basis]) -> list[Array]:
         """Columns of bases, whitened and projected off the baseline; those that were last asked for are kept."""
-        listed = list(bases)
-        found = {basis: self._projected.get(basis) for basis in listed}
+        listed, known = list(bases), self.bank.projected
+        found = {basis: known.get((self.noise, basis)) for basis in listed}
         lacking = [basis for basis, one in found.items() if one is None]
         if lacking:
-            tables = [self.bank.reduced(basis) for basis in lacking]
+            tables = self.bank.reduced_together(lacking)
             white = self.whitened.project(np.hstack(tables))
             edges = np.cumsum([0, *(table.shape[1] for table in tables)])
             for basis, a, b in zip(lacking, edges[:-1], edges[1:], strict=True):
-                part = white[:, a:b].copy()
-                found[basis] = part
-                self._projected.put(basis, part)
+                found[basis] = known.put((self.noise, basis), white[:, a:b].copy())
         return [one for basis in listed if (one := found[basis]) is not None]
 
     def columns(self, parts: Scaled) -> Array:
@@ -105,15 +103,15 @@ class Evidence:
         bank = self.bank
         if (baseline := bank.baseline) is None:
             return None
-        given = Conditional(self, self.all_columns(members))
-        parts = [(basis, member.size * scale) for member in members for basis, scale in bank.scaled(member.form) or ()]
-        edges = np.cumsum([0, *(bank.columns(basis).shape[1] for basis, _ in parts)])
-        weights = [scale * given.weights[a:b] for (_, scale), a, b in zip(parts, edges[:-1], edges[1:], strict=True)]
+        given = self.given(members)
+        left = self.whitened.adjoint(given.residual()[:, None])[:, 0]  # weights are products of their columns with it
+        parts = [(basis, (member.size * scale) ** 2) for member in members for basis, scale in bank.scaled(member.form) or ()]
+        weights = [square * (bank.columns(basis).T @ left) for basis, square in parts]
         terms = sum((bank.columns(basis) @ w for (basis, _), w in zip(parts, weights, strict=True)), np.zeros(len(bank.data)))
-        design = self.whitened.whiten(bank.data.means(baseline.columns))
+        design = self.whitened.whiten(bank.of_baseline)
         size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-        left = self.whitened.whiten((bank.data.output - terms)[:, None])[:, 0]
-        numbers = np.linalg.lstsq(design / size, left, rcond=1e-9)[0] / size
+        unmet = self.whitened.whiten((bank.data.output - terms)[:, None])[:, 0]
+        numbers = np.linalg.lstsq(design / size, unmet, rcond=1e-9)[0] / size
         weighted = [(basis, w) for (basis, _), w in zip(parts, weights, strict=True)]
         on_time = tuple((basis, w) for basis, w in weighted if not isinstance(basis, Late))
         lags = {basis.column: float(w[0]) for basis, w in weighted if isinstance(basis, Late)}
@@ -154,19 +152,17 @@ class Evidence:
         """Columns of a set, shape (n, r)."""
         return self.columns([(basis, m.size * scale) for m in members for basis, scale in self.bank.scaled(m.form) or ()])
 
-    def log_evidence(self, members: Set, given: Conditional | None = None) -> float:
-        """Of a set under this noise; priors of the set and of the noise are not in it, but that some weights are positive is.
+    def log_evidence(self, members: Set) -> float:
+        """Of a set under this noise; priors of the set and of the noise are not in it, but that some weights are positive is."""
+        if members not in self._values:
+            self._values[members] = self._log_evidence(members)
+        return self._values[members]
 
-        Parameters
-        ----------
-        members : tuple of Member
-        given : Conditional, optional
-            With the set in the model, where it is known.
-        """
-        given = given or self.given(members)
+    def _log_evidence(self, members: Set) -> float:
+        given = self.given(members)
         if not any(member.form.positive for member in members):
             return given.log_evidence
-        widths = [sum(self.bank.reduced(basis).shape[1] for basis, _ in self.bank.scaled(m.form) or ()) for m in members]
+        widths = [sum(self.bank.width(basis) for basis, _ in self.bank.scaled(m.form) or ()) for m in members]
         last = np.cumsum(widths) - 1
         return given.log_evidence + given.log_positive([int(k) for k, m in zip(last, members, strict=True) if m.form.positive])
 
@@ -204,6 +200,7 @@ class Conditional:
         self.evidence, self.table = evidence, table
         self.shared: list[Shared] = []  # of forms that were asked for
         self.gains: dict[bytes, Array] = {}  # of forms of a layout that were wanted
+        self.polished: dict[tuple[Member, bool, float], tuple[float, Member]] = {}  # down to a least step, all or the last
         self.root: Array = np.asarray(np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table), dtype=np.float64)
         self.weights_half = _solved(self.root, table.T @ evidence.output)
         self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.root))))

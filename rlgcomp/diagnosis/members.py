@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,15 +15,19 @@ from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.evidence import Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.hypotheses import Hypotheses
 from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.recent import Recent
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.diagnosis.variants import gains
 
 Array = npt.NDArray[np.float64]
-_MANY_FORMS: Final = 4  # of a law whose Gram matrices are made by themselves
+_MANY_FORMS: Final = 8  # of a region whose Gram matrices are made by themselves
+_WIDE: Final = 40  # columns of a form of a law, from which on it waits until narrower ones of the same law come near:
+_NEAR: Final = (40.0, 0.2)  # so many nats, or such a share of what the likeliest form gains, behind that one,
+_SEEN: Final = 2.0  # and so many above none
 _SCREENS: Final = 16  # of all forms under a noise, that are kept
-_EVIDENCES: Final = 80
-_CONDITIONALS: Final = 24  # sets under a noise, that are kept
+_EVIDENCES: Final = 40
+_GIVEN: Final = 1_000_000  # numbers in columns of sets that are in the model
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
 _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
@@ -52,16 +56,21 @@ class Members:
         self.log_shares = np.array([form.log_share for form in self.forms])
         ends = np.cumsum([len(region.forms) for region in self.regions.values()]).tolist()
         self.rows = {key: slice(a, b) for key, a, b in zip(self.regions, [0, *ends], ends, strict=False)}  # of each region's forms
-        self.layout = layout or Layout(bank, self.forms, [self._section(form.region) for form in self.forms])
+        self.wide = np.array([self.is_law(form.region) and self._width(form) >= _WIDE for form in self.forms], dtype=np.bool_)
+        self.layout = layout or Layout(bank, self.forms, [self._section(k) for k in range(len(self.forms))])
         self.hypotheses = Hypotheses.of(bank.data)
         self.noise_log_prior = self.hypotheses.log_prior()
-        self._evidences: dict[Noise, Evidence] = {}
-        self._screens: dict[Noise, Screen] = {}
-        self._conditionals: dict[tuple[Noise, Set], Conditional] = {}
+        self._evidences = Recent[Noise, Evidence](_EVIDENCES)
+        self._screens = Recent[Noise, Screen](_SCREENS)
+        self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size)
 
-    def _section(self, key: str) -> str:
-        """Of the layout: laws of which there are many forms by themselves, other laws together, and what is not a law together."""
-        return "" if not self.is_law(key) else key if len(self.regions[key].forms) > _MANY_FORMS else "law"
+    def _section(self, number: int) -> Hashable:
+        """Of a form in the layout: regions of many forms by themselves, wide forms of laws apart; other laws together."""
+        key = self.forms[number].region
+        return (key if len(self.regions[key].forms) > _MANY_FORMS else self.is_law(key)), bool(self.wide[number])
+
+    def _width(self, form: Form) -> int:
+        return sum(self.bank.width(basis) for basis, _ in self.bank.scaled(form) or ())
 
     def is_law(self, key: str) -> bool:
         return self.regions[key].mechanism is None and not self.regions[key].nuisance
@@ -72,30 +81,32 @@ class Members:
 
     def evidence(self, noise: Noise) -> Evidence:
         """The evidence under a noise."""
-        if noise not in self._evidences:
-            _forget_oldest(self._evidences, _EVIDENCES)
-            self._evidences[noise] = Evidence(self.bank, noise, self.log_prior_of(noise))
-        return self._evidences[noise]
+        return self._evidences.of(noise, lambda: Evidence(self.bank, noise, self.log_prior_of(noise)))
 
     def given(self, noise: Noise, members: Set) -> Conditional:
-        """The evidence under a noise with a set in the model; those that were last asked for are kept."""
-        found = self._conditionals.pop((noise, members), None)
-        if found is None:
-            _forget_oldest(self._conditionals, _CONDITIONALS)
-            found = self.evidence(noise).given(members)
-        self._conditionals[noise, members] = found
-        return found
-
-    def log_evidence(self, noise: Noise, members: Set) -> float:
-        """Of a set under a noise, as of :meth:`~rlgcomp.diagnosis.evidence.Evidence.log_evidence`."""
-        return self.evidence(noise).log_evidence(members, self.given(noise, members))
+        """The evidence under a noise with a set in the model."""
+        return self._given.of((noise, members), lambda: self.evidence(noise).given(members))
 
     def screen(self, noise: Noise) -> Screen:
         """All forms under a noise."""
-        if noise not in self._screens:
-            _forget_oldest(self._screens, _SCREENS)
-            self._screens[noise] = Screen(self.evidence(noise), self.layout)
-        return self._screens[noise]
+        return self._screens.of(noise, lambda: Screen(self.evidence(noise), self.layout))
+
+    def gains(self, given: Conditional, noise: Noise, wanted: npt.NDArray[np.bool_]) -> Array:
+        """Log evidence with each wanted form of each size, shape (forms, sizes); -inf of others, and of far laws' wide forms.
+
+        Parameters
+        ----------
+        given : Conditional
+            Under the noise.
+        noise : Noise
+        wanted : ndarray of bool, shape (forms,)
+        """
+        found = self.screen(noise).gains(given, wanted & ~self.wide)
+        best = found.max(axis=1)
+        top = float(best.max(initial=-math.inf))
+        near = best > max(top - max(_NEAR[0], _NEAR[1] * (top - given.log_evidence)), given.log_evidence + _SEEN)
+        further = wanted & self.wide & self.wanted(key for key, rows in self.rows.items() if near[rows].any())
+        return np.maximum(found, self.screen(noise).gains(given, further)) if further.any() else found
 
     def log_prior_of(self, noise: Noise) -> float:
         """Of a noise; of windows that are outliers as well."""
@@ -201,11 +212,19 @@ class Members:
             Of the member as it is.
         member : Member
         given : Conditional
+            It keeps what was polished beside it.
         last : bool
         finest : bool
             Finely, however many leading bases there are.
         """
-        step, least = 0.5, _COARSE if last or (len(member.form.lead) > _FEW and not finest) else _FINEST
+        least = _COARSE if last or (len(member.form.lead) > _FEW and not finest) else _FINEST
+        key = member, last, least
+        if key not in given.polished:
+            given.polished[key] = self._moved(value, member, given, last, least)
+        return given.polished[key]
+
+    def _moved(self, value: float, member: Member, given: Conditional, last: bool, least: float) -> tuple[float, Member]:
+        step = 0.5
         while step >= least:
             forms = member.form.nearby(step)
             if last:
@@ -270,12 +289,6 @@ class Members:
         values = np.concatenate([point, table.ravel()])
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return log_sum(values) - float(at)
-
-
-def _forget_oldest(kept: dict[Any, Any], most: int) -> None:
-    """Make room for one more."""
-    while len(kept) >= most:
-        kept.pop(next(iter(kept)))
 
 
 def log_sum(values: Iterable[float]) -> float:

@@ -104,7 +104,7 @@ def statistics(screen: Screen, offsets: Array, outputs: Array) -> Array:
     found = np.full(outputs.shape[1], -np.inf)
     for number, section in enumerate(screen.layout.sections):
         vectors = section.table.T @ adjoint
-        for panel, products in zip(section.panels, screen.products(number).panels, strict=True):
+        for panel, products in zip(section.panels, screen.products(number), strict=True):
             log_dets, falls = _changes(panel, products, vectors)
             rest = np.log1p(-np.minimum(falls / squares, 1.0 - 1e-12))
             gains = -0.5 * log_dets[..., None] - 0.5 * whitened.freedom * rest + offsets[panel.forms][:, None, None]

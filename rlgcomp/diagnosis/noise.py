@@ -158,7 +158,9 @@ class Whitened:
 
     def project(self, columns: Array) -> Array:
         """Columns of window means, whitened, less what the baseline absorbs."""
-        return self.off(self.whiten(columns))
+        white = self.whiten(columns)
+        white -= self.basis @ (self.basis.T @ white)
+        return white
 
     def given_others(self, whitened: Array) -> tuple[Array, Array]:
         """Residual of each window given all others, and its standard deviation, of whitened residuals; shapes (n,)."""

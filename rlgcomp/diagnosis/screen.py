@@ -24,6 +24,7 @@ from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.evidence import Conditional, Evidence
 from rlgcomp.diagnosis.noise import Noise, Whitened
+from rlgcomp.diagnosis.recent import Recent
 from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
@@ -33,8 +34,8 @@ _OWN: Final = 8  # columns of a form beside those that it shares
 _SHARED: Final = 4  # columns that are shared, at least
 _ALIKE: Final = 4  # forms that share them, at least
 _MOST: Final = 0.5  # of a section's columns, from which on no part of them is copied
-_KEPT: Final = 64  # products of a section under a noise
-KEPT_BY_REPEATED: Final = 1000  # the same where a search is repeated with other outputs
+_KEPT: Final = 8_000_000  # numbers of products of sections under noises of a gyro alone, and as many beside errors of drivers
+KEPT_BY_REPEATED: Final = 40_000_000  # of the first where a search is repeated with other outputs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Section:
         """The section of some forms of those numbers; each has a scale."""
         scaled = [bank.scaled(form) or () for form in forms]
         bases = dict.fromkeys(basis for one in scaled for basis, _ in one)
-        edges = np.cumsum([0, *(bank.reduced(basis).shape[1] for basis in bases)])
+        edges = np.cumsum([0, *(bank.width(basis) for basis in bases)])
         place = {basis: np.arange(a, b) for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True)}
 
         def places(parts: Scaled) -> tuple[IntArray, Array]:
@@ -142,23 +143,20 @@ class Layout:
         self.forms = tuple(forms)
         self.sized = [(k, np.array(form.sizes)) for k, form in enumerate(forms) if form.sizes]  # priors of sizes of their own
         self.drawn: dict[Hashable, Array] = {}  # the statistic of draws of a noise
-        self.keeps = _KEPT
-        self._products: dict[tuple[Noise, int], tuple[Products, ...]] = {}
+        self._of_gyro, self._beside_errors = (Recent[tuple[Noise, int], tuple[Products, ...]](_KEPT, _numbers) for _ in range(2))
         by_label: dict[Hashable, list[int]] = defaultdict(list)
         for k in range(len(forms)):
             by_label[labels[k] if labels else None].append(k)
         self.sections = tuple(Section.of(bank, [forms[k] for k in numbers], numbers) for numbers in by_label.values())
 
     def products(self, number: int, whitened: Whitened) -> tuple[Products, ...]:
-        """Of each panel of a section under a noise; those of a few noises are kept."""
-        if whitened.noise.errors is not None:  # of one search alone
-            return _products(self.sections[number], whitened)
-        key = whitened.noise, number
-        if key not in self._products:
-            if len(self._products) >= self.keeps:
-                self._products.pop(next(iter(self._products)))
-            self._products[key] = _products(self.sections[number], whitened)
-        return self._products[key]
+        """Of each panel of a section under a noise; those that were last asked for are kept."""
+        known = self._of_gyro if whitened.noise.errors is None else self._beside_errors
+        return known.of((whitened.noise, number), lambda: _products(self.sections[number], whitened))
+
+    def keep(self, most: int) -> None:
+        """Keep so many numbers of products under noises of a gyro alone."""
+        self._of_gyro.most = most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,17 +177,14 @@ class Products:
     both: Array
     shared: Array
 
+    @property
+    def size(self) -> int:
+        """Numbers that it holds."""
+        return self.own.size + self.both.size + self.shared.size
+
     def only(self, kept: npt.NDArray[np.bool_]) -> Self:
         """Of some of the forms."""
         return dataclasses.replace(self, own=self.own[kept], both=self.both[:, kept])
-
-
-@dataclasses.dataclass(frozen=True)
-class _Grams:
-    """Products of a section's columns under a noise: with the data, and those of each panel."""
-
-    vector: Array
-    panels: tuple[Products, ...]
 
 
 class Screen:
@@ -203,7 +198,7 @@ class Screen:
 
     def __init__(self, evidence: Evidence, layout: Layout) -> None:
         self.evidence, self.layout = evidence, layout
-        self._grams: dict[int, _Grams] = {}
+        self._vectors: dict[int, Array] = {}
 
     def gains(self, given: Conditional, wanted: npt.NDArray[np.bool_] | None = None) -> Array:
         """Log evidence with each form and of each size, shape (forms, sizes); -inf for forms that are not wanted.
@@ -228,39 +223,42 @@ class Screen:
         return found
 
     def _fill(self, found: Array, given: Conditional, number: int, wanted: npt.NDArray[np.bool_] | None) -> None:
-        section, grams = self.layout.sections[number], self.products(number)
-        chosen = []
-        for panel, products in zip(section.panels, grams.panels, strict=True):
+        section, chosen = self.layout.sections[number], []
+        for panel, products in zip(section.panels, self.products(number), strict=True):
             kept = np.ones(len(panel.forms), np.bool_) if wanted is None else wanted[panel.forms]
             if kept.all():
                 chosen.append((panel, products))
             elif kept.any():
                 chosen.append((panel.only(kept), products.only(kept)))
         cross = section.cross(given, [panel for panel, _ in chosen])
-        vector = grams.vector - cross.T @ given.weights_half
+        vector = self._vector(number) - cross.T @ given.weights_half
         for panel, products in chosen:
             found[panel.forms] = _panel_gains(given, panel, products, cross, vector)
 
-    def products(self, number: int) -> _Grams:
-        """Of the section of a number."""
-        if number not in self._grams:
-            section, panels = self.layout.sections[number], self.layout.products(number, self.evidence.whitened)
-            self._grams[number] = _Grams(section.table.T @ self.evidence.adjoint_output, panels)
-        return self._grams[number]
+    def products(self, number: int) -> tuple[Products, ...]:
+        """Of each panel of the section of a number."""
+        return self.layout.products(number, self.evidence.whitened)
+
+    def _vector(self, number: int) -> Array:
+        """Products of a section's columns with the data, shape (C,)."""
+        if number not in self._vectors:
+            self._vectors[number] = self.layout.sections[number].table.T @ self.evidence.adjoint_output
+        return self._vectors[number]
+
+
+def _numbers(panels: Sequence[Products]) -> int:
+    return sum(one.size for one in panels)
 
 
 def _products(section: Section, whitened: Whitened) -> tuple[Products, ...]:
     """Of the panels of a section."""
-    white = whitened.whiten(section.table)
-    absorbed = whitened.basis.T @ white
+    white = np.ascontiguousarray(whitened.project(section.table).T)
     panels = []
     for panel in section.panels:
-        of_own = np.swapaxes(absorbed[:, panel.own] * panel.own_scale, 0, 1)  # (f, p, l)
-        own = np.ascontiguousarray(np.moveaxis(white[:, panel.own] * panel.own_scale, 0, 1))  # (f, n, l)
-        gram = np.matmul(np.swapaxes(own, 1, 2), own) - np.matmul(np.swapaxes(of_own, 1, 2), of_own)
-        shared, of_shared = white[:, panel.shared] * panel.shared_scale, absorbed[:, panel.shared] * panel.shared_scale
-        both = np.moveaxis(shared.T @ own - of_shared.T @ of_own, 1, 0)  # (k, f, l)
-        panels.append(Products(gram, both, shared.T @ shared - of_shared.T @ of_shared))
+        own = white[panel.own] * panel.own_scale[..., None]  # (f, l, n)
+        shared = white[panel.shared] * panel.shared_scale[:, None]
+        both = (shared @ own.reshape(-1, white.shape[1]).T).reshape(len(shared), *panel.own.shape)
+        panels.append(Products(np.matmul(own, np.swapaxes(own, 1, 2)), both, shared @ shared.T))
     return tuple(panels)
 
 

@@ -130,7 +130,7 @@ class Search(States):
     def _candidates(self, given: Conditional, noise: Noise, taken: set[str]) -> list[Form]:
         """The likeliest form of each further region that is no law, or a law that came near."""
         tried = [key for key in self.regions if key not in taken and (key in self._near or not self.is_law(key))]
-        table = np.max(self.screen(noise).gains(given, self.wanted(tried)), axis=1) + self.log_shares
+        table = np.max(self.gains(given, noise, self.wanted(tried)), axis=1) + self.log_shares
         best = {key: rows.start + int(np.argmax(table[rows])) for key in tried if (rows := self.rows[key]).start < rows.stop}
         laws = sorted((key for key in best if self.is_law(key)), key=lambda key: table[best[key]], reverse=True)
         return [self.forms[k] for key, k in best.items() if key not in laws[_LAWS_OF_PAIRS:]]

@@ -87,7 +87,7 @@ class States(Members):
 
         def value(one: Noise) -> float:
             if one not in found:
-                found[one] = self.log_evidence(one, members) + log_prior + self.log_prior_of(one)
+                found[one] = self.evidence(one).log_evidence(members) + log_prior + self.log_prior_of(one)
             return found[one]
 
         noise = self.hypotheses.calmest if noise is None else noise
@@ -140,7 +140,7 @@ class States(Members):
         for noise in self.core(state):
             given = self.given(noise, state.members)
             offset = log_prior + self.log_prior_of(noise) + LOG_SIZE
-            of_forms = self.screen(noise).gains(given, wanted) + self.log_shares[:, None] + offset
+            of_forms = self.gains(given, noise, wanted) + self.log_shares[:, None] + offset
             for key in tried:
                 region = self.regions[key]
                 if region.propose is not None:
@@ -149,7 +149,7 @@ class States(Members):
                 else:
                     forms = region.forms
                     table = of_forms[self.rows[key]]
-                if not table.size:
+                if not np.isfinite(table).any():
                     continue
                 table = table + region.log_odds
                 k, size = np.unravel_index(int(np.argmax(table)), table.shape)

@@ -46,7 +46,7 @@ def _shared(given: Conditional, scaled: Sequence[Scaled]) -> Shared:
     """What is turned already of the parts that all forms have, or all of these where that is little of them."""
     common = set(scaled[0]).intersection(*scaled[1:])
     known = max((one for one in given.shared if one.parts <= common), key=lambda one: len(one.values), default=None)
-    more = sum(given.evidence.bank.reduced(basis).shape[1] for basis, _ in common) - (0 if known is None else len(known.values))
+    more = sum(given.evidence.bank.width(basis) for basis, _ in common) - (0 if known is None else len(known.values))
     if known is not None and (len(scaled) == 1 or more < _WORTH):
         return known
     found = given.turned([part for part in scaled[0] if part in common] if len(scaled) > 1 and more >= _WORTH else [])
@@ -58,7 +58,7 @@ def _beside(given: Conditional, shared: Shared, own: Sequence[Scaled]) -> Array:
     """Log evidence with forms of shared and own parts, of each size, shape (forms, sizes)."""
     bases = list(dict.fromkeys(basis for parts in own for basis, _ in parts))
     columns = given.evidence.columns([(basis, 1.0) for basis in bases])
-    edges = np.cumsum([0, *(given.evidence.bank.reduced(basis).shape[1] for basis in bases)])
+    edges = np.cumsum([0, *(given.evidence.bank.width(basis) for basis in bases)])
     place = {basis: range(a, b) for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True)}
     both, cross = shared.columns.T @ columns, given.reduced_by(columns)
     vector = columns.T @ given.evidence.output - cross.T @ given.weights_half
