@@ -62,7 +62,7 @@ class Members:
         self.noise_log_prior = self.hypotheses.log_prior()
         self._evidences = Recent[Noise, Evidence](_EVIDENCES)
         self._screens = Recent[Noise, Screen](_SCREENS)
-        self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size)
+        self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size + len(given.table))
 
     def _section(self, number: int) -> Hashable:
         """Of a form in the layout: regions of many forms by themselves, wide forms of laws apart; other laws together."""
