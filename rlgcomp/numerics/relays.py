@@ -89,7 +89,8 @@ class Switches:
             _add(self.rows, self.relays, self.changes, np.ascontiguousarray(weights), found)
         else:
             np.add.at(found, self.rows, self.changes[:, None] * weights[self.relays])
-        return np.asarray(np.cumsum(found, axis=0))
+            np.cumsum(found, axis=0, out=found)
+        return found
 
 
 def states_before(first: float, up: Array, down: Array, start: str) -> Array:
@@ -202,3 +203,6 @@ def _add(rows: IntArray, relays: IntArray, changes: Array, weights: Array, sums:
         row, relay, change = rows[at], relays[at], changes[at]
         for k in range(weights.shape[1]):
             sums[row, k] += change * weights[relay, k]
+    for row in range(1, len(sums)):
+        for k in range(weights.shape[1]):
+            sums[row, k] += sums[row - 1, k]
