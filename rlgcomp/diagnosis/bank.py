@@ -78,8 +78,9 @@ class Bank:
 
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""
-        of_runs = isinstance(basis, OnlyIn | EachRun)
-        return self._columns.of(basis, lambda: self._of_runs(basis) if of_runs else self.data.means(basis.columns))
+        return self._columns.of(
+            basis, lambda: self._of_runs(basis) if isinstance(basis, OnlyIn | EachRun) else self.data.means(basis.columns)
+        )
 
     def _of_runs(self, basis: OnlyIn | EachRun) -> Array:
         """Window means of a basis in some of the runs, of those that are known of it in all."""

@@ -136,4 +136,4 @@ class Path(Hashed):
 
 def lagged(values: Array, step_s: float, time_constant_s: float) -> Array:
     r"""First-order lag :math:`\tau \dot y = x - y`, exact for an input that is straight between samples, at rest at the first."""
-    return lag(values, step_s * np.arange(len(values)), time_constant_s)
+    return lag(values, step_s * np.arange(len(values), dtype=np.float64), time_constant_s)

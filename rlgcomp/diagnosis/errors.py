@@ -146,11 +146,12 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
     found = list(within(list(parts)))
     columns = columns_of(found, data)
     rates = dict.fromkeys(one for one in found if isinstance(one, Path) and one.memory == "rate")
+    sd = math.sqrt(variance)
     of_runs = []
     for run in data.runs:
-        parts = [part for column in columns for part in _of_column(run, predicted, column)]
-        parts += [_of_rate(run, predicted, rate) for rate in rates]
-        of_runs.append(tuple((scale / math.sqrt(variance), source) for scale, source in parts))
+        sources = [source for column in columns for source in _of_column(run, predicted, column)]
+        sources += [_of_rate(run, predicted, rate) for rate in rates]
+        of_runs.append(tuple((scale / sd, covariance) for scale, covariance in sources))
     return Errors(tuple(len(run.output) for run in data.runs), tuple(of_runs))
 
 
