@@ -63,9 +63,7 @@ class Search(States):
         for _ in range(_EXCHANGED):
             best = self._ordered()[0]
             for k in range(len(best.members)):
-                fewer = self.converged((*best.members[:k], *best.members[k + 1 :]), best.noise)
-                if fewer.log_posterior > best.log_posterior - _WITHIN:
-                    self.refined(fewer)
+                self._fewer(best, (best.members[k],))
             if self._ordered()[0] is best:
                 return
 
