@@ -7,6 +7,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from tests.few_monitors import few_monitors
 
 PERIOD_S = 1700.0
 PROGRAMMES = (
@@ -30,7 +31,7 @@ def runs() -> list[rlg.Recording]:
     for k, programme in enumerate((*PROGRAMMES, PROGRAMMES[0])):
         run = plain.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         line = 0.05 * np.sin(2.0 * np.pi * run.time_s / PERIOD_S + 2.1 * k)
-        found.append(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + line), truth=None))
+        found.append(few_monitors(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + line), truth=None)))
     return found
 
 

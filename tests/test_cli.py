@@ -444,8 +444,7 @@ def test_a_search_stopped_by_a_signal_leaves_no_model_and_goes_on(folder: Path, 
         str(tmp_path / "r2.parquet"),
         "--out",
         str(tmp_path / "model"),
-        "--model",
-        "kernels",
+        *("--model", "kernels", "--averaging-s", "200"),
     ]
     listening = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored where tests run in the background
@@ -453,10 +452,10 @@ def test_a_search_stopped_by_a_signal_leaves_no_model_and_goes_on(folder: Path, 
     script = listening + "import sys; from rlgcomp.cli import main; sys.argv = ['rlgcomp', *sys.argv[1:]]; main()"
     process = subprocess.Popen([sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, text=True)
     journal = tmp_path / ".model.selection.jsonl"
-    for _ in range(600):
+    for _ in range(6000):
         if journal.exists() and len(journal.read_text().splitlines()) > 2:
             break
-        time.sleep(0.05)
+        time.sleep(0.005)
     process.send_signal(signal.SIGINT)
     _, messages = process.communicate(timeout=120)
     assert process.returncode == 130, messages

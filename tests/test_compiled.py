@@ -215,7 +215,7 @@ def test_a_cache_that_cannot_be_written_or_is_damaged_costs_speed_alone(tmp_path
 
 
 @needs_numba
-def test_a_full_disk_costs_speed_alone(tmp_path: Path) -> None:
+def test_a_full_disk_costs_speed_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No file may grow: what is compiled cannot be kept."""
     limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
     limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
@@ -223,4 +223,5 @@ def test_a_full_disk_costs_speed_alone(tmp_path: Path) -> None:
     environment = {**unset, "XDG_CACHE_HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run([sys.executable, "-c", limit + _USE_ONE], check=False, capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == _run(_USE_ONE, XDG_CACHE_HOME=str(tmp_path))
+    monkeypatch.setattr(filters, "MANY", 1)
+    assert float(done.stdout) == float(filters.low_pass(0.0, np.sin(np.arange(500.0)), np.ones(500), 7.0)[0].sum())

@@ -30,6 +30,7 @@ from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.variants import gains
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 
 PROGRAMMES = (
     "start 20, hold 40, ramp -30 1, hold 60, ramp 50 1.2, hold 40, ramp 10 0.8, hold 40, ramp 35 1, hold 30",
@@ -115,7 +116,7 @@ CHANGES: dict[str, Callable[[list[Recording]], list[Recording]]] = {
 
 @pytest.fixture(scope="module")
 def hysteretic() -> list[Recording]:
-    return made(HYSTERESIS)
+    return [few_monitors(run) for run in made(HYSTERESIS)]
 
 
 @pytest.fixture(scope="module")

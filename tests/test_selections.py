@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.selections import EachRun, OnlyIn, selections
 from rlgcomp.diagnosis.terms import Form
+from tests.few_monitors import few_monitors
 
 PROGRAMMES = (
     "start 20, hold 20, ramp -10 1, hold 40, ramp 40 1, hold 30",
@@ -32,7 +33,7 @@ def made(voltages: tuple[float, ...], slopes: tuple[float, ...] = (5e-4, 5e-4, 5
         mechanisms += [{"supply_voltage": {"k_deg_h_V": voltage}}] if voltage else []
         noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
         simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": noise})
-        found.append(simulator.simulate(PROGRAMMES[k], seed=k, step_s=10.0, name=f"run{k}"))
+        found.append(few_monitors(simulator.simulate(PROGRAMMES[k], seed=k, step_s=10.0, name=f"run{k}")))
     return found
 
 

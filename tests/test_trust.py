@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import rlgcomp as rlg
 from rlgcomp.challenge import seal
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256
@@ -122,7 +123,7 @@ def test_a_reader_that_has_seen_enough_is_no_fault(tmp_path: Path) -> None:
 
 def test_names_do_not_steer_the_terminal(simulator: Path, tmp_path: Path) -> None:
     path = tmp_path / "run\x1b[2J.csv"
-    subprocess.run([*COMMAND, "simulate", str(simulator), "--profile", "short", "--step-s", "20", "--out", str(path)], check=True)
+    rlg.write(rlg.Simulator.from_yaml(simulator).simulate("short", step_s=20.0), path)
     done = subprocess.run([*COMMAND, "inspect", str(path), str(tmp_path / "absent\x1b[2J.csv")], capture_output=True, check=False)
     assert b"\x1b[2J" not in done.stdout + done.stderr
 

@@ -117,10 +117,10 @@ def _changes(panel: Panel, products: Products, vectors: Array) -> tuple[Array, A
     squares = priors.SIZES**2
     own = vectors[panel.own] * panel.own_scale[..., None]  # (f, l, d)
     if not len(panel.shared):
-        values, turns = np.linalg.eigh(products.own)
+        values, turns = products.principal
         grown = 1.0 + squares[:, None] * np.maximum(values, 0.0)[:, None, :]  # (f, sizes, l)
         return np.sum(np.log(grown), axis=2), (squares[:, None] / grown) @ (np.swapaxes(turns, 1, 2) @ own) ** 2
-    values, turns = np.linalg.eigh(products.shared)
+    values, turns = products.principal
     along = turns.T @ (vectors[panel.shared] * panel.shared_scale[:, None])  # (k, d)
     k, f, width = products.both.shape
     turned = (turns.T @ products.both.reshape(k, -1)).reshape(k, f, width)

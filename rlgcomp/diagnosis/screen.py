@@ -12,6 +12,7 @@ is the small matrix :math:`S = I + s^2 L^T L - W^T \mathrm{diag}(s^4 / (1 + s^2 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections import defaultdict
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, Self
@@ -181,6 +182,12 @@ class Products:
     def size(self) -> int:
         """Numbers that it holds."""
         return self.own.size + self.both.size + self.shared.size
+
+    @functools.cached_property
+    def principal(self) -> tuple[Array, Array]:
+        """Squares and directions of the own columns of each form, or of the shared ones where there are some."""
+        values, turns = np.linalg.eigh(self.shared if len(self.shared) else self.own)
+        return values, turns
 
     def only(self, kept: npt.NDArray[np.bool_]) -> Self:
         """Of some of the forms."""
