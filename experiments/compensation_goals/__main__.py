@@ -14,6 +14,7 @@ import numpy as np
 from sklearn.base import clone
 
 import rlgcomp as rlg
+from experiments.compensation_goals.history_prior import of_runs
 from experiments.tables import show_table
 from experiments.work import Work
 from rlgcomp.compensation.models import MODELS
@@ -32,7 +33,7 @@ OTHERS = ("start 50, hold 30, ramp 20 1, hold 90", "start 20, hold 10, ramp 50 1
 TRAINING, HELD_OUT = ("paper", "minor-loops"), "reversed"
 TURN_ON_DEG_H = 0.01
 DRAWS = 5  # of the runs' biases: two runs show one difference of them
-SECTIONS = ("one-way", "turn-on", "folds", "c")
+SECTIONS = ("one-way", "turn-on", "prior", "folds", "c")
 CHAMBER = {
     "kind": "chamber",
     "mechanisms": [
@@ -83,6 +84,14 @@ def turn_on(seed: int) -> dict[str, Any]:
         row |= {f"{label}: std / floor": float(np.mean([one.residual_std_deg_h / one.noise_floor_deg_h for one in found]))}
         row |= {f"{label}: covered, %": float(np.mean([100.0 * one.in_interval for one in found]))}
     return row | {"with: covered, least draw, %": min(100.0 * one.in_interval for one in found)}
+
+
+def history_prior(seed: int) -> dict[str, Any]:
+    """Shape held out, without and with a prior of the coefficients of the history of temperature."""
+    unit = rlg.simulated_unit(seed)
+    names = (*TRAINING, HELD_OUT)
+    *runs, test = (unit.simulate(text, seed=10 * seed + k, step_s=STEP_S, name=text) for k, text in enumerate(names))
+    return {"unit": seed, **of_runs(runs, test)}
 
 
 def folds(seed: int) -> dict[str, Any]:
@@ -145,6 +154,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if "turn-on" in sections:
         title = f"Turn-on biases of {TURN_ON_DEG_H:g} deg/h, {DRAWS} draws, two training runs, '{HELD_OUT}' held out"
         _show(title, results("turn-on", turn_on, seeds))
+    if "prior" in sections:
+        title = f"A prior of the coefficients of rate, lag, memory and gradient, two training runs, '{HELD_OUT}' held out"
+        _show(title, results("prior", history_prior, seeds))
     if "folds" in sections:
         show_table("Folds with run borders: closed form less brute force, relative", [folds(seed) for seed in range(5)])
     if "c" in sections:
