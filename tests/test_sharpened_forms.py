@@ -68,6 +68,18 @@ def test_polynomials_go_on_straight_beyond_the_range() -> None:
     assert square[0] - square[1] == pytest.approx(1.7 * 0.5 * 3.0 * 1.3)
 
 
+def test_a_smooth_function_goes_on_as_far_as_it_is_correlated() -> None:
+    u = np.linspace(-4.0, 4.0, 801)
+    run: Any = type("Stub", (), {"cache": {VOLTS: u}, "bins": len(u)})()
+    for width, reach in ((0.2, 1.3), (0.5, 1.5), (2.0, 3.0)):
+        basis = Smooth(VOLTS, width)
+        columns = basis.columns(run)
+        assert basis.reach == pytest.approx(reach)
+        beyond = np.abs(u) > reach + 1e-9
+        assert np.ptp(columns[beyond & (u > 0)], axis=0) == pytest.approx(np.zeros(columns.shape[1]))
+        assert np.ptp(columns[(u > 1.2) & (u < reach)], axis=0).max() > 1e-3
+
+
 def test_nonlinearities_are_their_equations() -> None:
     run: Any = type("Stub", (), {"cache": {VOLTS: np.array([-1.0, -0.2, 0.0, 0.3, 1.6])}, "bins": 5})()
     u = run.cache[VOLTS]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.drivers import Path
+from rlgcomp.diagnosis.drivers import BEYOND, Path
 from rlgcomp.diagnosis.hashed import Hashed
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +49,11 @@ class Basis(Hashed, abc.ABC):
     def per_unit(self) -> float:
         """What one unit of the driver, as it is recorded, is in the column; 1 where the column has no such unit."""
         return 1.0
+
+    @property
+    def reach(self) -> float:
+        """Ranges of a path over which a function of it bends; it is straight or constant beyond."""
+        return BEYOND
 
     @property
     def of_mechanism(self) -> bool:
@@ -98,8 +103,13 @@ class Smooth(Basis):
     knots: int = priors.SMOOTH_KNOTS
     parity: int = 0
 
+    @property
+    def reach(self) -> float:
+        """Ranges beyond which it is constant: a correlation length further than it was seen, it has come back to its mean."""
+        return max(BEYOND, 1.0 + self.width)
+
     def columns(self, run: Run) -> Array:
-        u = self.path.bounded(run)
+        u = np.clip(self.path.values(run), -self.reach, self.reach)
         found = gaussian_process(u, self.width, self.knots)
         return found + self.parity * gaussian_process(-u, self.width, self.knots) if self.parity else found
 

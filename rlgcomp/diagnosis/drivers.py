@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 Combination = Literal["column", "difference", "contrast"]
 Memory = Literal["none", "rate", "lag"]
 _OUTLIERS: Final = 0.002  # share of a column's values beyond its range
-_BEYOND: Final = 1.3  # ranges at which a form is held constant
+BEYOND: Final = 1.3  # ranges at which a form ceases to bend
 _RATE_ERROR: Final = 0.1  # of the rate's rms, that the slope's window is long enough for
 _RATE_BINS: Final = (3, 5, 9, 17, 33, 65)  # odd numbers of bins of which a slope is taken
 
@@ -131,7 +131,7 @@ class Path(Hashed):
 
     def bounded(self, run: Run) -> Array:
         """The same, held at a little beyond the range of the training runs."""
-        return np.clip(self.values(run), -_BEYOND, _BEYOND)
+        return np.clip(self.values(run), -BEYOND, BEYOND)
 
 
 def lagged(values: Array, step_s: float, time_constant_s: float) -> Array:

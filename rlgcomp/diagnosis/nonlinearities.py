@@ -29,6 +29,7 @@ _APART: Final = 0.3  # from one corner to the next
 _EXPONENTS: Final = (0.6, 1.5)
 _STEEPEST, _FLATTEST = 3.0, 0.3
 _STEP: Final = 1.6  # of exponents, from one point of the grid to the next
+_REACH: Final = 3.0  # ranges over which it is tabulated
 _OFF_ZERO: Final = 0.1  # of the range, by which the zero of a quantity may be off
 
 
@@ -36,6 +37,10 @@ class Nonlinearity(Basis):
     """A function of a path whose amplitude is no parameter of the mechanism's own equation."""
 
     path: Path
+
+    @property
+    def reach(self) -> float:
+        return _REACH
 
     @property
     def of_mechanism(self) -> bool:

@@ -35,7 +35,6 @@ from rlgcomp.units import SECONDS_PER_HOUR
 Array = npt.NDArray[np.float64]
 _SAME: Final = 0.05  # of the white noise of a window mean: a mechanism that is off by less expresses a term
 _PRECISE: Final = 0.003  # of the same: error of a table between its knots
-_REACH: Final = 1.3  # ranges over which a table is laid; functions are constant or straight beyond
 _KNOTS: Final = 27
 _MOST_KNOTS: Final = 600
 _LONGER: Final = 3.0  # run lengths over which a law of time is tabulated
@@ -342,7 +341,8 @@ class _Written:
             run: Any = SimpleNamespace(cache={path: v}, bins=len(v))
             return np.sum([basis.columns(run) @ weights for basis, weights in parts], axis=0)
 
-        knots = tabulated(function, np.linspace(-_REACH, _REACH, _KNOTS), _PRECISE * self.fit.white)
+        reach = max(basis.reach for basis, _ in parts)
+        knots = tabulated(function, np.linspace(-reach, reach, _KNOTS), _PRECISE * self.fit.white)
         values = function(knots)
         half = path.driver.half * path.half
         offset = 0.0 if path.memory == "rate" else path.driver.centre

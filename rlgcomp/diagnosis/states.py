@@ -321,8 +321,23 @@ class States(Members):
         best = self.best(given, own.form)
         if region.nuisance:
             return members
-        near = [one for one in self.by_equation(region, given, noise) if one[0] > best[0] - _NEAR_EQUATIONS]
-        for start in (best, *near[:_EQUATIONS]):
+        every = self.by_equation(region, given, noise)
+        near = [one for one in every[:_EQUATIONS] if one[0] > best[0] - _NEAR_EQUATIONS]
+        near += self._grown_without_thresholds(region, every, others, noise)
+        for start in (best, *near):
             found = self.exact(*self.polished(*start, given, finest=True), given)
             best = max(best, found, key=lambda one: one[0])
         return (*members[:k], best[1], *members[k + 1 :])
+
+    def _grown_without_thresholds(
+        self, region: Region, starts: list[tuple[float, Member]], others: Set, noise: Noise
+    ) -> list[tuple[float, Member]]:
+        """A form with leading bases more that have no thresholds; those that have some grew in the search."""
+        if region.grow is None:
+            return []
+        for start in starts:
+            more = next(iter(region.grow(start[1].form)), None)
+            if more is not None and not self.switches(more):
+                member = self.grown_from(start, region.grow, others, noise)
+                return [self.best(self.evidence(noise).given(others), member.form)]
+        return []
