@@ -20,6 +20,7 @@ from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.simulator_file import simulator_of
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form
@@ -68,6 +69,7 @@ def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
         "rate": (Power(Path.rate(data, block)), Magnitude(Path.rate(data, block))),
         "late": (Power(Path(block, "lag", 900.0)), Lag(block, 500.0, 1.4, behind=False)),
         "lags": (Lag(block, 900.0, 1.4), Conduction(block, 4000.0, True, 1.4), Spectrum(block, times)),
+        "distributed lags": (Distributed(block, 1500.0, 0.6, 1.4),),
         "plays": (Plays(block, 0.2, True), Plays(block, 0.3, False, "above")),
         "relays": (hop, Shift(hop), Glitch(hop)),
         "density": (Preisach(block, 0.6, True, 0.5, 20),),
@@ -79,7 +81,7 @@ def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
 
 @pytest.mark.parametrize("name", [
     "polynomial and smooth", "difference", "contrast", "nonlinearities", "rate", "late", "lags", "plays", "relays", "density",
-    "product", "time", "waves",
+    "distributed lags", "product", "time", "waves",
 ])  # fmt: skip
 def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], tmp_path: File) -> None:
     bases = forms_of(runs)[name]

@@ -15,10 +15,11 @@ from rlgcomp.diagnosis.bases import Basis, Power, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Relays
+from rlgcomp.diagnosis.memories import Lag, Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.regions import named
+from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.states import State, States
 from rlgcomp.diagnosis.telegraph import Telegraph
@@ -136,6 +137,20 @@ def test_a_form_that_is_fine_already_is_left_as_it_is(saturating: tuple[States, 
     assert found is not None
     once = states.sharpened(State((found[1],), Noise(), 0.0))
     assert states.sharpened(once).members == once.members
+
+
+def test_a_distribution_of_lags_has_one_sign_and_narrows_to_one_lag() -> None:
+    rng, driver = np.random.default_rng(3), Driver(("a",))
+    values = np.cumsum(rng.normal(0.0, 0.05, 400))
+    grid: Any = type("Grid", (), {"bin_s": 10.0})()
+    run: Any = type("Stub", (), {"grid": grid, "cache": {}, "column": lambda self, _: values})()
+    one = Lag(driver, 300.0, 1.4).columns(run)
+    assert Distributed(driver, 300.0, 0.05, 1.4).columns(run) == pytest.approx(one, abs=0.01 * np.std(one))
+    times, weights = Distributed(driver, 300.0, 0.8, 1.4).mixture()
+    assert np.all(weights > 0.0)
+    assert float(weights.sum()) == pytest.approx(1.0)
+    assert float(np.log(times) @ weights[:, 0]) == pytest.approx(np.log(300.0))
+    assert float((np.log(times) - np.log(300.0)) ** 2 @ weights[:, 0]) == pytest.approx(0.8**2)
 
 
 def test_each_threshold_of_a_relay_moves_by_itself() -> None:

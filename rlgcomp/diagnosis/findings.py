@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.switches import Switch, switches_of
@@ -336,7 +337,7 @@ def function_of(fit: Fit, k: int) -> Function | None:
         return _static(fit, k, path)
     if isinstance(inner, Since | SmoothSince):
         return _of_time(fit, k)
-    if isinstance(inner, Lag | Conduction | Spectrum):
+    if isinstance(inner, Lag | Conduction | Distributed | Spectrum):
         return _response(fit, k, inner.driver)
     if isinstance(inner, Relays | Plays | Preisach):
         return _loop(fit, k, inner.driver)
@@ -393,7 +394,9 @@ def _response(fit: Fit, k: int, driver: Driver) -> Function:
     """Response to a step of the driver of one unit: what is behind it dies away, and a delayed law comes to its value."""
     _, bases = fit.parts[k]
     plain = {j: inner for j, (basis, _) in enumerate(bases) if getattr(inner := _plain(basis), "driver", None) == driver}
-    times = {j: _time_constants_s(basis) for j, basis in plain.items() if isinstance(basis, Lag | Conduction | Spectrum)}
+    times = {
+        j: _time_constants_s(basis) for j, basis in plain.items() if isinstance(basis, Lag | Conduction | Distributed | Spectrum)
+    }
     fastest, slowest = min(min(one) for one in times.values()), max(max(one) for one in times.values())
     first = min(0.5 * fit.data.runs[0].grid.window_s, _BEFORE * fastest)
     at = np.geomspace(first, max(min(_SETTLED * slowest, fit.data.longest_s), _SETTLED * fastest), _PLACES)
@@ -402,13 +405,13 @@ def _response(fit: Fit, k: int, driver: Driver) -> Function:
         basis, decays = plain[j], np.exp(-np.divide.outer(at, one))
         if isinstance(basis, Lag):
             columns[j] = (float(not basis.behind) - decays) / driver.half
-        elif isinstance(basis, Conduction | Spectrum):
+        elif isinstance(basis, Conduction | Distributed | Spectrum):
             columns[j] = -decays @ basis.mixture()[1] / driver.half
     unit = display_unit(driver.columns[0]) or "unit"
     return _made("response", f"time since a step of {driver.symbol} by 1 {unit}", "s", at, *_tabulated(fit, k, columns))
 
 
-def _time_constants_s(basis: Lag | Conduction | Spectrum) -> Array:
+def _time_constants_s(basis: Lag | Conduction | Distributed | Spectrum) -> Array:
     return np.array([basis.time_constant_s]) if isinstance(basis, Lag) else basis.mixture()[0]
 
 

@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, with_relays
 from rlgcomp.diagnosis.memories import Conduction, Lag, Spectrum
 from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
+from rlgcomp.diagnosis.relaxations import SPREADS, Distributed
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
@@ -82,6 +83,12 @@ def _lags(setting: Setting) -> list[Family]:
             Family(f"b = k (mean of a slab - {name})", [(Conduction(driver, t, False, ratio),) for t in times[3:]], freely, weight),
             Family(f"b = k (back of a slab - {name})", [(Conduction(driver, t, True, ratio),) for t in times[3:]], freely, weight),
             Family(f"b = integral of k(tau) (lag({name}, tau) - {name})", [(Spectrum(driver, times),)], freely, weight),
+            Family(
+                f"b = k (mean of lags({name}, tau) about time_constant_s - {name})",
+                [(Distributed(driver, t, spread, ratio),) for t in times for spread in SPREADS],
+                freely,
+                0.5 * weight,
+            ),
         ]
     return families
 

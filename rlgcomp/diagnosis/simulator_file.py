@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.errors import columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.lateness import Late
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
+from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
 from rlgcomp.diagnosis.turning import TimesRate
@@ -274,7 +275,7 @@ class _Written:
                 ends, slope = (d.centre - d.half, d.centre + d.half), w / d.half
                 of = _driver(d) | {"memory": "lag", "time_s": basis.time_constant_s}
                 return [law(**of, knots=ends, weights=(-w, w), slope_below=slope, slope_above=slope)], True
-            case Lag() | Conduction() | Spectrum():
+            case Lag() | Conduction() | Distributed() | Spectrum():
                 times, mixed = _lags(basis, weights)
                 of = _driver(basis.driver) | {"memory": "lags"}
                 return [law(**of, knots=tuple(times), weights=tuple((mixed / basis.driver.half).tolist()))], True
@@ -430,7 +431,7 @@ def _relays(law: Any, basis: Relays | Preisach, up: Array, down: Array, weights:
     return found
 
 
-def _lags(basis: Lag | Conduction | Spectrum, weights: Array) -> tuple[list[float], Array]:
+def _lags(basis: Lag | Conduction | Distributed | Spectrum, weights: Array) -> tuple[list[float], Array]:
     """Time constants and weights of what is behind the driver."""
     if isinstance(basis, Lag):
         return [basis.time_constant_s], weights
