@@ -33,6 +33,7 @@ _CANCEL: Final = -0.97  # correlation of two terms,
 _LARGE: Final = 4.0  # each so many times as large as their sum
 _FILE_ERROR: Final = 0.2  # of the noise of a window mean
 _OTHER_NOISE: Final = 1.5
+_BEATEN: Final = 0.02  # of the error, by which an LS-SVM leaves less at least
 _LEARNT: Final = 0.5  # of the mismatch, that recorded columns together tell where a cause follows none
 _CLEAR_LAG: Final = 3.0  # standard deviations of a lag, from which on it is told
 
@@ -152,7 +153,7 @@ def _black_box(record: Record) -> Iterator[Message]:
     for runs, one in (("test", record.test), ("confirm", record.confirm)):
         if one is None or one.over_compensation_ci95 is None or one.augmented_rms <= one.noise_floor_rms:
             continue
-        if one.over_compensation_ci95[1] < 0.0:
+        if one.over_compensation_ci95[1] < -_BEATEN:
             yield message(
                 "diagnosis.compensation_better",
                 runs=runs,
@@ -161,6 +162,7 @@ def _black_box(record: Record) -> Iterator[Message]:
                 floor=one.noise_floor_rms,
                 unit=one.unit,
                 target=box.target,
+                named=record.verdict != "none",
             )
             return
 
@@ -239,7 +241,7 @@ def _forms(record: Record) -> Iterator[Message]:
     for cause in record.causes:
         if cause.undetermined:
             yield message("diagnosis.unidentified", mechanism=cause.name, parameters=cause.undetermined)
-        if cause.own_form and cause.function is not None:
+        if cause.own_form and cause.function is not None and not cause.switches:
             yield message("diagnosis.other_form", mechanism=cause.name, equation=cause.equation)
     yield from _cancelling(record)
 

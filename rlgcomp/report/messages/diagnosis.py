@@ -115,11 +115,14 @@ def _loss(
     )
 
 
-def _compensation_better(runs: str, compensation: float, after: float, floor: float, unit: str, target: str) -> str:
+def _compensation_better(
+    runs: str, compensation: float, after: float, floor: float, unit: str, target: str, named: bool = True
+) -> str:
+    simulator = "with the findings" if named else "as calibrated"
     learns = "the output itself" if target == "output" else "what the calibrated simulator leaves"
     return (
         f"An LS-SVM that learns {learns} from the recorded columns of the training runs leaves less of the {runs} runs, "
-        f"{rms_text(compensation, floor)} {unit}, than the simulator with the findings, {rms_text(after, floor)} {unit}: recorded "
+        f"{rms_text(compensation, floor)} {unit}, than the simulator {simulator}, {rms_text(after, floor)} {unit}: recorded "
         "columns hold more than is named."
     )
 
