@@ -31,7 +31,7 @@ ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _ROUNDS_OF_SHARPENING: Final = 2
 _EQUATIONS: Final = 4  # of a region, from which a member of the set that is fitted is polished
-_NEAR_EQUATIONS: Final = 12.0  # nats behind the likeliest of them, beyond which they are not
+_NEAR_EQUATIONS: Final = 12.0  # nats behind its form as it is and the likeliest of the grid, beyond which they are not
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
@@ -339,7 +339,7 @@ class States(Members):
         if region.nuisance:
             return members
         every = self.by_equation(region, given, noise)  # of the grid, which is coarse where an effect is strong
-        near = [one for one in every[:_EQUATIONS] if one[0] > every[0][0] - _NEAR_EQUATIONS]
+        near = [one for one in every[:_EQUATIONS] if one[0] > min(best[0], every[0][0]) - _NEAR_EQUATIONS]
         near += self._grown_without_thresholds(region, every, others, noise)
         for start in (best, *near):
             found = self.exact(*self.polished(*start, given, finest=True), given)
