@@ -304,7 +304,7 @@ class States(Members):
         A column that a term with a memory reads may be late for what that term lacks alone: at its finest it may be in time.
         """
         found, in_time = self._sharpened(state), tuple(m for m in state.members if not self._late_beside_memory(m, state.members))
-        if in_time == state.members:
+        if in_time == state.members or state.telegraph is not None:
             return found
         tried = self._sharpened(dataclasses.replace(state, members=in_time))
         points = [self.converged(one.members, one.noise).log_point for one in (found, tried)]
