@@ -146,7 +146,7 @@ def test_runs_too_short_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("hysteresis", "limit"), [("play", 1.15), ("preisach", 1.30)])
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 10))])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 10))])
 def test_it_reaches_the_noise_floor_on_another_programme(hysteresis: str, limit: float, seed: int) -> None:
     """Paper-like units, all features, LS-SVM, held out on a programme not trained on; Preisach's law is not in the features."""
     gyro = rlg.simulated_unit(seed, hysteresis=hysteresis)

@@ -160,7 +160,8 @@ class TestConceal:
         assert remarks([static], "supply_voltage", seed=5, strength=60.0) == large
 
     def test_random_hides_nothing_one_or_two(self) -> None:
-        counts = {len(challenge("random", seed).hidden.mechanisms) for seed in range(12)}
+        gyro = rlg.Simulator.from_mapping(SIMULATOR)
+        counts = {len(conceal(gyro, "random", seed=seed, step_s=60.0).hidden.mechanisms) for seed in range(12)}
         assert counts == {0, 1, 2}
 
     def test_nothing_hidden_is_a_healthy_gyro(self, tmp_path: Path) -> None:

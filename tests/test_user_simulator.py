@@ -22,6 +22,7 @@ from rlgcomp.diagnosis.simulators.user_simulator import (
     scale_message,
 )
 from rlgcomp.numerics.filters import lag
+from tests.few_monitors import few_monitors
 
 CATALOGUE = rlg.CATALOGUE
 BASE = rlg.Simulator(
@@ -175,7 +176,7 @@ def test_a_strong_missing_effect_is_no_wrong_unit() -> None:
 
 
 def test_a_wrong_sign_comes_first_among_the_remarks() -> None:
-    runs = [STRONG.simulate("short", seed=k, step_s=10.0, name=f"run{k}") for k in range(2)]
+    runs = [few_monitors(STRONG.simulate("short", seed=k, step_s=20.0, name=f"run{k}")) for k in range(2)]
     turned = PythonSimulator(lambda run: -STRONG.predict(run).rate_deg_h(), "my_sim.py:gyro")
     found = rlg.diagnose(turned, runs[:1], runs[1:], only=["supply_voltage"], black_box=False)
     assert found.remarks[0].code == "diagnosis.simulation_scaled"
@@ -459,7 +460,7 @@ def test_rows_stay_where_nothing_is_known_of_the_clock() -> None:
 
 def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> None:
     truth = LACKING.with_mechanism(CATALOGUE["thermal_hysteresis"]())
-    runs = [truth.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}") for seed in (1, 2, 3)]
+    runs = [few_monitors(truth.simulate("short", seed=seed, step_s=10.0, name=f"run{seed}")) for seed in (1, 2, 3)]
     simulations = [BASE.predict(run).replace(name=f"sim{k}") for k, run in enumerate(runs)]
     assert "temperature_shell_degC" in runs[2]
     runs[2] = runs[2].replace(table=runs[2].table.drop(columns="temperature_block_degC"))

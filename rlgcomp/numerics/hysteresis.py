@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.bouc_wen_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bouc_wen_linear
+from rlgcomp.numerics.compiled import available
 from rlgcomp.numerics.hysteresis_loops import pays, play_states, relaxed
 
 Array = npt.NDArray[np.float64]
@@ -98,7 +99,7 @@ def play_paths(u: Array, radii: Array, start: Array) -> Array:
         In the input's unit.
     """
     states = np.empty((len(u), len(radii)))
-    if pays(states.size):
+    if pays(states.size) or (play_states.ready and available()):
         play_states(np.ascontiguousarray(u), np.ascontiguousarray(radii), np.ascontiguousarray(start), states)
         return states
     now = start
