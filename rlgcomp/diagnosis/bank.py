@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, EachRun
+from rlgcomp.diagnosis.bases import Basis, EachRun, columns_together
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.noise import Noise, Whitened
 from rlgcomp.diagnosis.recent import Recent
@@ -23,7 +23,7 @@ from rlgcomp.diagnosis.terms import Form
 Array = npt.NDArray[np.float64]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
 _KEPT_COLUMNS: Final = 4000  # window means of bases, as many reduced ones, and as many under noises, that were last asked for
-_AT_ONCE: Final = 500  # columns that are reduced together
+_TOGETHER: Final = 32  # bases that are made and reduced together
 _NOISES: Final = 40  # whose factors are kept
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
 _UNSEEN: Final = 1e-9  # of its variance, in a direction that no size brings above the noise
@@ -78,9 +78,20 @@ class Bank:
 
     def columns(self, basis: Basis) -> Array:
         """Window means of a basis, shape (n, k)."""
-        return self._columns.of(
-            basis, lambda: self._of_runs(basis) if isinstance(basis, OnlyIn | EachRun) else self.data.means(basis.columns)
-        )
+        return self.columns_together([basis])[0]
+
+    def columns_together(self, bases: Sequence[Basis]) -> list[Array]:
+        """The same of several bases."""
+        found = {basis: self._columns.get(basis) for basis in bases}
+        lacking = [basis for basis, one in found.items() if one is None]
+        plain = [basis for basis in lacking if not isinstance(basis, OnlyIn | EachRun)]
+        of_runs = [[run.means(table) for table in columns_together(plain, run)] for run in self.data.runs]
+        for basis, *parts in zip(plain, *of_runs, strict=True):
+            found[basis] = self._columns.put(basis, np.concatenate(parts))
+        for basis in lacking:
+            if isinstance(basis, OnlyIn | EachRun):
+                found[basis] = self._columns.put(basis, self._of_runs(basis))
+        return [one for basis in bases if (one := found[basis]) is not None]
 
     def _of_runs(self, basis: OnlyIn | EachRun) -> Array:
         """Window means of a basis in some of the runs, of those that are known of it in all."""
@@ -108,7 +119,7 @@ class Bank:
         """The same of several bases."""
         found = {basis: self._held.get(basis, self._reduced.get(basis)) for basis in bases}
         lacking = [basis for basis, one in found.items() if one is None]
-        found |= dict(zip(lacking, self._prepare([(basis, self.columns(basis)) for basis in lacking], hold=False), strict=True))
+        found |= dict(zip(lacking, self._prepare(lacking, self.columns_together(lacking), hold=False), strict=True))
         return [one for basis in bases if (one := found[basis]) is not None]
 
     def width(self, basis: Basis) -> int:
@@ -129,28 +140,22 @@ class Bank:
 
     def prepare(self, forms: Iterable[Form], *, hold: bool = False) -> None:
         """Compute the squares of all bases of some forms together, and hold their reduced columns where so is asked."""
-        bases = dict.fromkeys(basis for form in forms for basis in (*form.lead, *form.departures) if basis not in self._squares)
-        some: list[tuple[Basis, Array]] = []
-        count = 0
-        for basis in bases:
-            some.append((basis, self.columns(basis)))
-            count += some[-1][1].shape[1]
-            if count >= _AT_ONCE:
-                self._prepare(some, hold)
-                some, count = [], 0
-        self._prepare(some, hold)
+        bases = list(dict.fromkeys(b for form in forms for b in (*form.lead, *form.departures) if b not in self._squares))
+        for first in range(0, len(bases), _TOGETHER):
+            some = bases[first : first + _TOGETHER]
+            self._prepare(some, self.columns_together(some), hold)
 
-    def _prepare(self, some: Sequence[tuple[Basis, Array]], hold: bool) -> list[Array]:
+    def _prepare(self, bases: Sequence[Basis], tables: Sequence[Array], hold: bool) -> list[Array]:
         """Reduced columns of bases of window means, which are kept with their squares and widths."""
-        if not some:
+        if not bases:
             return []
-        projected = self.white.project(np.hstack([table for _, table in some]))
-        squares = np.sum(projected**2, axis=0) / len(self.data)
+        table = np.hstack(tables)
+        projected = self.white.project(table)
+        squares, wholes = np.mean(projected**2, axis=0), np.mean(table**2 / self.data.white[:, None], axis=0)
         projected *= np.sqrt(self.data.white)[:, None]
-        edges, found = np.cumsum([0, *(table.shape[1] for _, table in some)]), []
-        for (basis, table), a, b in zip(some, edges[:-1], edges[1:], strict=True):
-            whole = float(np.sum(np.mean(table**2 / self.data.white[:, None], axis=0)))
-            self._squares[basis] = float(squares[a:b].sum()), whole
+        edges, found = np.cumsum([0, *(one.shape[1] for one in tables)]), []
+        for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True):
+            self._squares[basis] = float(squares[a:b].sum()), float(wholes[a:b].sum())
             found.append(_reduced(projected[:, a:b], self._widths.get(basis)))
             self._widths[basis] = found[-1].shape[1]
             if hold:

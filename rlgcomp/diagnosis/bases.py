@@ -9,6 +9,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any, Final, Self
 
 import numpy as np
@@ -32,6 +33,11 @@ class Basis(Hashed, abc.ABC):
     @abc.abstractmethod
     def columns(self, run: Run) -> Array:
         """Columns on the bins of a run, shape (bins, k)."""
+
+    @classmethod
+    def together(cls, bases: Sequence[Any], run: Run) -> list[Array]:
+        """Columns of several bases of this class."""
+        return [basis.columns(run) for basis in bases]
 
     def weighted(self, run: Run, weights: Array) -> Array:
         """The sum of the columns times their weights, on the bins of a run, shape (bins,)."""
@@ -212,6 +218,10 @@ class Shift(Basis):
     def columns(self, run: Run) -> Array:
         return _slope(self.basis.columns(run))
 
+    @classmethod
+    def together(cls, bases: Sequence[Any], run: Run) -> list[Array]:
+        return [_slope(table) for table in columns_together([one.basis for one in bases], run)]
+
 
 @dataclasses.dataclass(frozen=True)
 class Glitch(Basis):
@@ -221,6 +231,21 @@ class Glitch(Basis):
 
     def columns(self, run: Run) -> Array:
         return np.abs(_slope(self.basis.columns(run)))
+
+    @classmethod
+    def together(cls, bases: Sequence[Any], run: Run) -> list[Array]:
+        return [np.abs(_slope(table)) for table in columns_together([one.basis for one in bases], run)]
+
+
+def columns_together(bases: Sequence[Basis], run: Run) -> list[Array]:
+    """Columns of several bases on the bins of a run; those of a class are made together."""
+    by_class: dict[type[Basis], list[Basis]] = {}
+    for basis in bases:
+        by_class.setdefault(type(basis), []).append(basis)
+    found: dict[Basis, Array] = {}
+    for kind, alike in by_class.items():
+        found |= zip(alike, kind.together(alike, run), strict=True)
+    return [found[basis] for basis in bases]
 
 
 def _slope(columns: Array) -> Array:

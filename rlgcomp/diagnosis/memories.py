@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -142,12 +142,29 @@ class Relays(Basis):
     histories: Histories = ()
 
     def columns(self, run: Run) -> Array:
-        values, up, down = self.driver.values(run), np.array(self.up), np.array(self.down)
+        return self.together([self], run)[0]
+
+    @classmethod
+    def together(cls, bases: Sequence[Any], run: Run) -> list[Array]:
+        found: dict[Relays, Array] = {}
+        for driver in dict.fromkeys(basis.driver for basis in bases):
+            values, alike = driver.values(run), [basis for basis in bases if basis.driver == driver]
+            relays_of = [basis.relays_of(run, values) for basis in alike]
+            up, down, first = (np.concatenate(parts) for parts in zip(*relays_of, strict=True))
+            edges = np.cumsum([len(basis.up) for basis in alike])[:-1]
+            found |= zip(alike, np.hsplit(relay_states(values, up, down, first), edges), strict=True)
+        return [found[basis] for basis in bases]
+
+    def relays_of(self, run: Run, values: Array) -> tuple[Array, Array, Array]:
+        """Thresholds, up and down, and states before a run in which the driver has values."""
+        up, down = np.array(self.up), np.array(self.down)
         if self.histories:
-            return relays(values, up, down, self.start, _before(run, self.histories))
+            return up, down, _first(values, up, down, self.start, _before(run, self.histories))
         if run.name in self.opposite:
-            return relays(values, up, down, "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above")
-        return relays(values, up, down, self.start if run.name in dict(self.begins) else self.start_of_others)
+            start: Start = "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above"
+        else:
+            start = self.start if run.name in dict(self.begins) else self.start_of_others
+        return up, down, states_before(values[0], up, down, start)
 
     @property
     def start_of_others(self) -> Start:

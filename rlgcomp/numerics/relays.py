@@ -97,7 +97,7 @@ def states_before(first: float, up: Array, down: Array, start: str) -> Array:
     """States of relays before a first input: after a rest the nearer threshold decides, half on where nothing is known."""
     if start == "unknown":
         return np.full(len(up), 0.5)
-    level = {"rested": 0.5 * (up + down), "below": up, "above": down}[start]
+    level = up if start == "below" else down if start == "above" else 0.5 * (up + down)
     return np.asarray(first >= level, dtype=np.float64)
 
 
