@@ -85,9 +85,11 @@ class Bank:
         found = {basis: self._columns.get(basis) for basis in bases}
         lacking = [basis for basis, one in found.items() if one is None]
         plain = [basis for basis in lacking if not isinstance(basis, OnlyIn | EachRun)]
-        of_runs = [[run.means(table) for table in columns_together(plain, run)] for run in self.data.runs]
-        for basis, *parts in zip(plain, *of_runs, strict=True):
-            found[basis] = self._columns.put(basis, np.concatenate(parts))
+        if plain:
+            tables = [columns_together(plain, run) for run in self.data.runs]
+            means = np.vstack([run.means(np.hstack(of_run)) for run, of_run in zip(self.data.runs, tables, strict=True)])
+            for basis, part in zip(plain, np.hsplit(means, np.cumsum([one.shape[1] for one in tables[0]])[:-1]), strict=True):
+                found[basis] = self._columns.put(basis, np.ascontiguousarray(part))
         for basis in lacking:
             if isinstance(basis, OnlyIn | EachRun):
                 found[basis] = self._columns.put(basis, self._of_runs(basis))
@@ -140,7 +142,7 @@ class Bank:
 
     def prepare(self, forms: Iterable[Form], *, hold: bool = False) -> None:
         """Compute the squares of all bases of some forms together, and hold their reduced columns where so is asked."""
-        bases = list(dict.fromkeys(b for form in forms for b in (*form.lead, *form.departures) if b not in self._squares))
+        bases = list(dict.fromkeys(basis for form in forms for basis in form.bases if basis not in self._squares))
         for first in range(0, len(bases), _TOGETHER):
             some = bases[first : first + _TOGETHER]
             self._prepare(some, self.columns_together(some), hold)
@@ -166,12 +168,13 @@ class Bank:
 
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         self.prepare([form])
-        found = []
+        found: list[tuple[Basis, float]] = []
         for group, size in ((form.lead, form.unit), (form.departures, priors.DISCREPANCY * form.unit)):
-            shown = [basis for basis in group if self._squares[basis][0] > _ABSORBED * self._squares[basis][1]]
+            squares = [(basis, *self._squares[basis]) for basis in group]
+            shown = [(basis, square) for basis, square, whole in squares if square > _ABSORBED * whole]
             if group is form.lead and len(shown) < len(group):
                 return None
-            found += [(basis, size / math.sqrt(len(shown) * self._squares[basis][0])) for basis in shown]
+            found += [(basis, size / math.sqrt(len(shown) * square)) for basis, square in shown]
         return tuple(found)
 
 

@@ -9,14 +9,16 @@ from typing import Any, cast
 class Hashed:
     """A frozen dataclass that keeps its hash."""
 
+    _hash: int
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         setattr(cls, "__hash__", Hashed.__hash__)  # noqa: B010  (so that dataclass makes none)
 
     def __hash__(self) -> int:
-        kept = self.__dict__.get("_hash")
-        if kept is None:
+        try:
+            return self._hash
+        except AttributeError:
             fields = dataclasses.fields(cast("Any", self))
-            kept = hash((type(self), *(getattr(self, field.name) for field in fields)))
-            object.__setattr__(self, "_hash", kept)
-        return int(kept)
+            object.__setattr__(self, "_hash", hash((type(self), *(getattr(self, field.name) for field in fields))))
+            return self._hash

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, Self
@@ -54,12 +55,12 @@ class Form(Hashed):
     sizes: tuple[float, ...] = ()
     positive: bool = False
 
-    @property
+    @functools.cached_property
     def bases(self) -> tuple[Basis, ...]:
         """All of them."""
         return *self.lead, *self.departures
 
-    @property
+    @functools.cached_property
     def departures(self) -> tuple[Basis, ...]:
         """B₁."""
         return (*self.smooth, *(make(basis) for make in self.own for basis in self.lead))
