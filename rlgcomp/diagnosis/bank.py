@@ -22,7 +22,8 @@ from rlgcomp.diagnosis.terms import Form
 
 Array = npt.NDArray[np.float64]
 _ABSORBED: Final = 1e-7  # share of a column's square below which the baseline has all of it
-_KEPT_COLUMNS: Final = 4000  # window means of bases, as many reduced ones, and as many under noises, that were last asked for
+_KEPT_COLUMNS: Final = 3000  # window means of bases, and as many columns under noises, that were last asked for
+_KEPT_REDUCED: Final = 9000  # and reduced columns: those of a form that is polished are asked for under several noises
 _TOGETHER: Final = 32  # bases that are made and reduced together
 _NOISES: Final = 40  # whose factors are kept
 _WIDE: Final = 8  # columns of a basis, from which on their covariance may be that of fewer
@@ -52,7 +53,7 @@ class Bank:
         self.projected = Recent[tuple[Noise, Basis], Array](_KEPT_COLUMNS, _width)
         self._whitened = Recent[Noise, Whitened](_NOISES)
         self._columns = Recent[Basis, Array](_KEPT_COLUMNS, _width)
-        self._reduced = Recent[Basis, Array](_KEPT_COLUMNS, _width)
+        self._reduced = Recent[Basis, Array](_KEPT_REDUCED, _width)
         self._held: dict[Basis, Array] = {}  # reduced columns of the forms of all regions
         self._squares: dict[Basis, tuple[float, float]] = {}
         self._widths: dict[Basis, int] = {}
