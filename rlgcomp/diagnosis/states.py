@@ -30,8 +30,10 @@ _ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late columns find each 
 ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _ROUNDS_OF_SHARPENING: Final = 2
-_EQUATIONS: Final = 4  # of a region, from which a member of the set that is fitted is polished
-_NEAR_EQUATIONS: Final = 12.0  # nats behind its form as it is and the likeliest of the grid, beyond which they are not
+_EQUATIONS: Final = 6  # of a region, from which a member of the set that is fitted is polished:
+_MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
+_NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
+_NARROW: Final = 4  # leading columns
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
@@ -338,13 +340,18 @@ class States(Members):
         best = self.best(given, own.form)
         if region.nuisance:
             return members
-        every = self.by_equation(region, given, noise)  # of the grid, which is coarse where an effect is strong
-        near = [one for one in every[:_EQUATIONS] if one[0] > min(best[0], every[0][0]) - _NEAR_EQUATIONS]
+        every = self.by_equation(region, given, noise)
+        least = given.log_evidence + _MOST_OF_GAIN * (best[0] - given.log_evidence)
+        least_wide = min([best[0], *(one[0] for one in every[:1])]) - _NEAR_EQUATIONS
+        near = [one for one in every if one[0] > (least if self._narrow(one[1].form) else least_wide)][:_EQUATIONS]
         near += self._grown_without_thresholds(region, every, others, noise)
         for start in (best, *near):
             found = self.exact(*self.polished(*start, given, finest=True), given)
             best = max(best, found, key=lambda one: one[0])
         return (*members[:k], best[1], *members[k + 1 :])
+
+    def _narrow(self, form: Form) -> bool:
+        return sum(self.bank.reduced(basis).shape[1] for basis in form.lead) <= _NARROW
 
     def _grown_without_thresholds(
         self, region: Region, starts: list[tuple[float, Member]], others: Set, noise: Noise
