@@ -321,7 +321,9 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             if driver != own:
                 families.insert(0, Family(f"b = k {column}", [(Power(path),)], kin))
             families += symmetric_laws(driver, kin)
-            yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,))
+            trend = Family(f"b = k {column} + f({column})", [(Power(path), Smooth(path))], kin)
+            finer = forms_of(f"law:{column}", [trend, *nonlinear(path, kin, (Shift,))])
+            yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,), finer=finer)
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]

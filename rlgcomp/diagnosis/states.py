@@ -340,7 +340,9 @@ class States(Members):
         best = self.best(given, own.form)
         if region.nuisance:
             return members
-        every = self.by_equation(region, given, noise)
+        finer = [[form for form in region.finer if form.equation == one] for one in dict.fromkeys(f.equation for f in region.finer)]
+        every = [*self.by_equation(region, given, noise), *(one for forms in finer if (one := self.likeliest(given, forms)))]
+        every.sort(key=lambda one: one[0], reverse=True)
         least = given.log_evidence + _MOST_OF_GAIN * (best[0] - given.log_evidence)
         least_wide = min([best[0], *(one[0] for one in every[:1])]) - _NEAR_EQUATIONS
         near = [one for one in every if one[0] > (least if self._narrow(one[1].form) else least_wide)][:_EQUATIONS]

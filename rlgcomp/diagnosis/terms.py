@@ -98,6 +98,8 @@ class Region:
         Forms that a residual suggests, where there are too many to try all; it is whitened window means of all runs.
     nuisance : bool
         No missing physics: a step of the bias, a bias a run, a stated number that is wrong.
+    finer : tuple of Form
+        Further forms that are tried in the set that predicts alone: no set is likelier or less likely for them.
     """
 
     key: str
@@ -110,6 +112,7 @@ class Region:
     absorb: Callable[[Form, Form], Form | None] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False
+    finer: tuple[Form, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
