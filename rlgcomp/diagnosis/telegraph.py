@@ -241,13 +241,13 @@ class _Problem:
             left = self._left(self.output - found.half_step * path / self.root)
             for rows in self.data.slices:
                 turn = 2.0 * found.half_step * path[rows] / self.root[rows]
-                metric = np.eye(rows.stop - rows.start) - self.columns[rows] @ self.solve[:, rows]
-                both = np.pad(np.cumsum(np.cumsum(turn[:, None] * metric * turn, axis=0), axis=1), ((1, 0), (1, 0)))
-                along = np.r_[0.0, np.cumsum(turn * left[rows])]
+                along, own = _sums(turn * left[rows]), 0.5 * _sums(turn**2)
+                across = _sums(turn[:, None] * self.columns[rows]) @ _sums(turn[:, None] * self.solve[:, rows].T).T
+                met = 0.5 * np.diag(across)  # of a part from a to b the columns meet met_a + met_b - across_ab
                 jumps = np.r_[0.0, np.where(path[rows][1:] != path[rows][:-1], cost, -cost), 0.0]  # ends of a run cost nothing
-                square = np.add.outer(np.diag(both), np.diag(both)) - both - both.T
-                gain = np.add.outer(jumps, jumps) - (0.5 * square + along - along[:, None]) / found.sigma**2
-                gain[np.tril_indices(len(gain))] = -math.inf
+                begin, close = (jumps + side * (along + own + side * met) / found.sigma**2 for side in (1.0, -1.0))
+                gain = np.add.outer(begin, close) - across / found.sigma**2
+                gain[np.tri(len(gain), dtype=np.bool_)] = -math.inf
                 k, end = np.unravel_index(int(np.argmax(gain)), gain.shape)
                 if gain[k, end] > best:
                     best, part = float(gain[k, end]), slice(rows.start + int(k), rows.start + int(end))
@@ -258,6 +258,11 @@ class _Problem:
 
     def _left(self, output: Array) -> Array:
         return np.asarray(output - self.columns @ (self.solve @ output))
+
+
+def _sums(values: Array) -> Array:
+    """Sums up to each place, the first of nothing."""
+    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
 
 
 def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN, ratio: float = 1.0) -> tuple[float, Array, float]:
