@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
+from tests.few_monitors import few_monitors
 
 CATALOGUE = rlg.CATALOGUE
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
@@ -27,7 +28,7 @@ def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism
         of_bias, time_s = run.truth["thermal_polynomial"].to_numpy(), run.time_s
         shown = {name: np.interp(time_s - offset_s, time_s, run.column(name)) for name in monitors}
         table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.interp(time_s - offset_s, time_s, of_bias), **shown})
-        runs.append(rlg.Recording(run.table, run.metadata, name=programme))
+        runs.append(few_monitors(rlg.Recording(run.table, run.metadata, name=programme)))
         simulated.append(rlg.Recording(table, name=f"simulated-{programme}"))
     return rlg.diagnose(None, runs, simulated=simulated, black_box=False)
 

@@ -14,6 +14,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.decide import Decision
 from rlgcomp.diagnosis.page import render
 from rlgcomp.report.messages import message
+from tests.few_monitors import few_monitors
 
 VOLTAGE = rlg.CATALOGUE["supply_voltage"](k_deg_h_V=0.5)
 BASE = rlg.Simulator((rlg.CATALOGUE["thermal_polynomial"](),), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0005))
@@ -22,7 +23,7 @@ BASE = rlg.Simulator((rlg.CATALOGUE["thermal_polynomial"](),), noise=rlg.NoiseMo
 @pytest.fixture(scope="module")
 def diagnosis() -> rlg.Diagnosis:
     true = BASE.with_mechanism(VOLTAGE)
-    runs = [true.simulate("short", seed=seed, step_s=20.0, name=f"run <{seed}>") for seed in (1, 2)]
+    runs = [few_monitors(true.simulate("short", seed=seed, step_s=20.0, name=f"run <{seed}>")) for seed in (1, 2)]
     return rlg.diagnose(BASE, runs[:1], runs[1:], only=["supply_voltage"])
 
 

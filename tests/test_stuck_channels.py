@@ -12,6 +12,7 @@ from rlgcomp.recording import Metadata, Recording
 from rlgcomp.recording.stuck_channels import interpolated_holds, readings, stuck_messages
 from rlgcomp.report.inspection import summarise
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 
 TIME_S = np.arange(21600.0)
 
@@ -148,7 +149,7 @@ def test_a_stuck_monitor_is_reported_with_its_segments() -> None:
 def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
     voltage = rlg.CATALOGUE["supply_voltage"](k_deg_h_V=0.4)
     base = rlg.Simulator(noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
-    runs = [base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0) for seed in (1, 2)]
+    runs = [few_monitors(base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0)) for seed in (1, 2)]
     stuck = [frozen(one, "supply_voltage_V", slice(2500, None)) for one in runs]
     found = rlg.diagnose(base, train=stuck, black_box=False)
     (cause,) = found.causes
