@@ -15,6 +15,7 @@ from scipy import stats
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.simulators.align import align, no_clocks
+from rlgcomp.diagnosis.simulators.between import values_at
 from rlgcomp.diagnosis.simulators.resampling import Alignment, on_rows, turning_evenly
 from rlgcomp.diagnosis.simulators.user_simulator import (
     PythonSimulator,
@@ -299,6 +300,17 @@ def test_units_and_axes_of_the_simulation(run: rlg.Recording, simulated: rlg.Rec
     triad = run.replace(table=run.table.rename(columns={"gyro_deg_h": "gyro_x_deg_h"}))
     rate, _ = align(triad, simulated.replace(table=table), gyro="gyro_x_deg_h")
     assert rate == pytest.approx(simulated.column("gyro_deg_h"), abs=1e-9)
+
+
+def test_polynomials_between_samples_have_the_same_bits_compiled_and_plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a gap, at samples and beyond the ends as well."""
+    rng = np.random.default_rng(0)
+    time_s = np.r_[np.arange(0.0, 300.0, 5.0), np.arange(400.0, 470.0, 5.0), np.arange(600.0, 612.0, 5.0)]
+    values = np.cumsum(rng.standard_normal(len(time_s)))
+    at_s = np.r_[rng.uniform(-10.0, 620.0, 900), time_s]
+    found = values_at(time_s, values, at_s)
+    monkeypatch.setenv("RLGCOMP_NUMBA", "0")
+    assert all(np.array_equal(one, other) for one, other in zip(found, values_at(time_s, values, at_s), strict=True))
 
 
 # --- a Python function -----------------------------------------------------------------------------------------------------

@@ -20,6 +20,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.numerics.compiled import compiled
+from rlgcomp.numerics.hysteresis_loops import pays
+
 Array = npt.NDArray[np.float64]
 _MOST: Final = 20  # samples that a polynomial goes through
 _BROKEN: Final = 1.75  # usual steps, from which one is a gap: of cells beside a gap of three periods, two
@@ -79,7 +82,17 @@ def _near(nodes: Array, values: Array, at: Array, begins: npt.NDArray[np.int64],
     stretch = np.searchsorted(begins, before, side="right") - 1
     over_gap = before + 1 == ends[stretch]
     low, high = np.where(over_gap, before, begins[stretch]), np.where(over_gap, before + 2, ends[stretch])
-    rows = np.clip(before - _MOST // 2 + 1, low, np.maximum(low, high - _MOST))[:, None] + np.arange(_MOST)
+    first = np.clip(before - _MOST // 2 + 1, low, np.maximum(low, high - _MOST))
+    if pays(_MOST * len(at)):
+        found = np.empty((len(at), _MOST // 2))
+        _aitken(*(np.ascontiguousarray(one) for one in (nodes, values, at)), first, high, found)
+        return found
+    return _side_by_side(nodes, values, at, first, high)
+
+
+def _side_by_side(nodes: Array, values: Array, at: Array, first: npt.NDArray[np.int64], high: npt.NDArray[np.int64]) -> Array:
+    """The same as :func:`_aitken` for all places at once."""
+    rows = first[:, None] + np.arange(_MOST)
     there = rows < high[:, None]
     rows = np.where(there, rows, 0)
     away = np.where(there, nodes[rows] - at[:, None], np.nan)
@@ -89,3 +102,25 @@ def _near(nodes: Array, values: Array, at: Array, begins: npt.NDArray[np.int64],
         steps = away[:, k:] - away[:, k - 1 : k]
         found[:, k:] = (away[:, k:] * found[:, k - 1 : k] - away[:, k - 1 : k] * found[:, k:]) / steps
     return np.asarray(found[:, 1::2])
+
+
+@compiled()
+def _aitken(
+    nodes: Array, values: Array, at: Array, first: npt.NDArray[np.int64], high: npt.NDArray[np.int64], found: Array
+) -> None:
+    """Polynomials through the nearest 2, 4, ... of the nodes from a first one on, below a highest, at each place."""
+    away, through = np.empty(_MOST), np.empty(_MOST)
+    for place in range(len(at)):
+        begin = first[place]
+        count = min(_MOST, high[place] - begin)
+        for i in range(count):
+            distance, value, k = nodes[begin + i] - at[place], values[begin + i], i
+            while k > 0 and abs(away[k - 1]) > abs(distance):
+                away[k], through[k] = away[k - 1], through[k - 1]
+                k -= 1
+            away[k], through[k] = distance, value
+        for k in range(1, count):
+            for j in range(k, count):
+                through[j] = (away[j] * through[k - 1] - away[k - 1] * through[j]) / (away[j] - away[k - 1])
+        for j in range(found.shape[1]):
+            found[place, j] = through[2 * j + 1] if 2 * j + 1 < count else np.nan
