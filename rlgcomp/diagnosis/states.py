@@ -349,7 +349,8 @@ class States(Members):
         near += self._grown_without_thresholds(region, every, others, noise)
         for start in (best, *near):
             found = self.exact(*self.polished(*start, given, finest=True), given)
-            best = max(best, found, key=lambda one: one[0])
+            worth = 0.0 if found[1].form.equation == best[1].form.equation else WORTH
+            best = found if found[0] > best[0] + worth else best
         return (*members[:k], best[1], *members[k + 1 :])
 
     def _narrow(self, form: Form) -> bool:
