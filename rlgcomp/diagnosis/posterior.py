@@ -63,20 +63,17 @@ class Posterior:
             return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
         paths: list[Array] = []
-        likeliest: list[frozenset[str]] = []  # sets beside them
         while len(paths) < _PATHS and (best := max(jumping, key=lambda state: state.log_posterior, default=None)) is not None:
             top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
             assert best.telegraph is not None  # noqa: S101
             path = best.telegraph.path
             if best.log_posterior < top - (_INSTEAD if states[0].noise.wander else 0.0):
                 break
-            if best.key[0] in likeliest or any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
+            if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
                 break
             paths.append(path)
             with_path = Search(Bank(bank.data, np.column_stack([bank.design, path]), bank.baseline), regions)
-            beside = with_path.run()[:_PROVED]
-            likeliest.append(beside[0].key[0])
-            for state in beside:
+            for state in with_path.run()[:_PROVED]:
                 for member in state.members:
                     search.bank.prepare([member.form])
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
