@@ -83,7 +83,7 @@ def _near(nodes: Array, values: Array, at: Array, begins: npt.NDArray[np.int64],
     over_gap = before + 1 == ends[stretch]
     low, high = np.where(over_gap, before, begins[stretch]), np.where(over_gap, before + 2, ends[stretch])
     first = np.clip(before - _MOST // 2 + 1, low, np.maximum(low, high - _MOST))
-    if pays(_MOST * len(at)):
+    if pays(_MOST * (_MOST - 1) // 2 * len(at)):
         found = np.empty((len(at), _MOST // 2))
         _aitken(*(np.ascontiguousarray(one) for one in (nodes, values, at)), first, high, found)
         return found
