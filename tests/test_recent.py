@@ -29,3 +29,13 @@ def test_it_is_made_once() -> None:
     for _ in range(2):
         recent.of("a", lambda: made.append(1) or made)
     assert made == [1]
+
+
+def test_what_is_cleared_makes_room() -> None:
+    recent = Recent[str, str](5, len)
+    recent.put("a", "xxxx")
+    recent.clear()
+    assert recent.get("a") is None
+    recent.put("b", "xxx")
+    recent.put("c", "xx")
+    assert recent.get("b") == "xxx"

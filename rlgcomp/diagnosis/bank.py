@@ -65,6 +65,11 @@ class Bank:
         found.data, found.white = data, self.white.with_output(data)
         return found
 
+    def forget(self) -> None:
+        """Forget what can be computed anew."""
+        for kept in (self.projected, self._whitened, self._columns, self._reduced):
+            kept.clear()
+
     @functools.cached_property
     def of_baseline(self) -> Array:
         """Window means of the baseline's free columns, shape (n, p)."""

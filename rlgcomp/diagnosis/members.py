@@ -64,6 +64,13 @@ class Members:
         self._screens = Recent[Noise, Screen](_SCREENS)
         self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size + len(given.table))
 
+    def forget(self) -> None:
+        """Forget what can be computed anew."""
+        for kept in (self._evidences, self._screens, self._given):
+            kept.clear()
+        self.bank.forget()
+        self.layout.forget()
+
     def _section(self, number: int) -> Hashable:
         """Of a form in the layout: regions of many forms by themselves, wide forms of laws apart; other laws together."""
         key = self.forms[number].region

@@ -72,8 +72,9 @@ class Posterior:
             if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
                 break
             paths.append(path)
-            with_path = Search(Bank(bank.data, np.column_stack([bank.design, path]), bank.baseline), regions)
-            for state in with_path.run()[:_PROVED]:
+            if layout is None:
+                search.forget()  # two searches at once have twice the memory
+            for state in _beside_path(bank, regions, path):
                 for member in state.members:
                     search.bank.prepare([member.form])
                 possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
@@ -151,6 +152,11 @@ class Posterior:
         """Probability of the likeliest set less one of its regions, whatever unrecorded there is beside it."""
         others = self.effects(self.best.key) - {key}
         return sum(p for (candidate, _), p in self.of_effects.items() if candidate == others)
+
+
+def _beside_path(bank: Bank, regions: Sequence[Region], path: Array) -> list[State]:
+    """The likeliest sets beside a two-state path."""
+    return Search(Bank(bank.data, np.column_stack([bank.design, path]), bank.baseline), regions).run()[:_PROVED]
 
 
 def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[float, float]:

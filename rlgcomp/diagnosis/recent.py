@@ -44,5 +44,10 @@ class Recent(Generic[K, V]):
         found = self.get(key)
         return self.put(key, make()) if found is None else found
 
+    def clear(self) -> None:
+        """Forget all."""
+        self._values.clear()
+        self._sum = 0
+
     def _size_of(self, value: V) -> int:
         return 1 if self._size is None else self._size(value)

@@ -155,6 +155,11 @@ class Layout:
         known = self._of_gyro if whitened.noise.errors is None else self._beside_errors
         return known.of((whitened.noise, number), lambda: _products(self.sections[number], whitened))
 
+    def forget(self) -> None:
+        """Forget products, which can be computed anew."""
+        self._of_gyro.clear()
+        self._beside_errors.clear()
+
     def keep(self, most: int) -> None:
         """Keep so many numbers of products under noises of a gyro alone."""
         self._of_gyro.most = most
