@@ -120,7 +120,7 @@ def cause_words(text: str) -> str:
     """Names of mechanisms in a text as words; names of columns stay as they are.
 
     >>> cause_words("thermal_hysteresis + late temperature_block_degC")
-    'thermal hysteresis + late temperature_block_degC'
+    'thermal hysteresis + the delay of temperature_block_degC'
     """
     return re.sub(r"\w+", lambda found: found[0] if display_unit(found[0]) else found[0].replace("_", " "), region_words(text))
 
