@@ -65,6 +65,7 @@ class Posterior:
         paths: list[Array] = []
         while len(paths) < _PATHS and (best := max(jumping, key=lambda state: state.log_posterior, default=None)) is not None:
             top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
+            best = search.with_fewer_beside(best)
             assert best.telegraph is not None  # noqa: S101
             path = best.telegraph.path
             if best.log_posterior < top - (_INSTEAD if states[0].noise.wander else 0.0):

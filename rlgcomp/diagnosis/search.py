@@ -235,6 +235,17 @@ class Search(States):
             found.append(state)
         return found
 
+    def with_fewer_beside(self, state: State) -> State:
+        """A set beside a two-state process less its members that stood in for jumps: without each, the path is found anew."""
+        while True:
+            fewer = [
+                dataclasses.replace(state, members=(*state.members[:k], *state.members[k + 1 :])) for k in range(len(state.members))
+            ]
+            best = max((state, *self.with_telegraph(fewer)), key=lambda one: one.log_posterior)
+            if best is state:
+                return state
+            state = best
+
     def _with(self, seen: Telegraph, members: Set, noise: Noise) -> State:
         log_point = seen.log_evidence + self.log_prior(members) + math.log(priors.NAMED_ODDS) + self.log_prior_of(noise)
         return State(members, noise, log_point, telegraph=seen)
