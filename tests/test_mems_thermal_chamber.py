@@ -44,10 +44,27 @@ def test_the_rest_of_the_hard_axis_is_unknown(hard_axis: rlg.Diagnosis) -> None:
     assert hard_axis.verdict == "unknown"
 
 
-def test_held_out_runs_decide_nothing_that_makes_them_worse() -> None:
+def likelier_of_two(window_s: float | None, *, held_out_leg: bool = True) -> rlg.Diagnosis:
+    """The third axis with memory, an ageing and a warm-up as candidates."""
+    whole, few = cycle(DATA), {name: rlg.CATALOGUE[name] for name in (*MEMORY, "ageing", "warm_up")}
+    test = [leg(whole, 3)] if held_out_leg else []
+    simulator, train = rlg.Simulator.from_mapping(CUBIC), [leg(whole, 1), leg(whole, 2)]
+    return rlg.diagnose(simulator, train, test, gyro="gyro_z_deg_s", window_s=window_s, mechanisms=few)
+
+
+def test_a_held_out_leg_decides_nothing() -> None:
     """Averaged as by itself, the third axis had an ageing by its held-out leg alone, and was four times as far off by it."""
-    whole = cycle(DATA)
-    train, test = [leg(whole, 1), leg(whole, 2)], [leg(whole, 3)]
-    few = {name: rlg.CATALOGUE[name] for name in (*MEMORY, "ageing", "warm_up")}
-    found = rlg.diagnose(rlg.Simulator.from_mapping(CUBIC), train, test, gyro="gyro_z_deg_s", mechanisms=few)
+    found, alone = likelier_of_two(10.0), likelier_of_two(10.0, held_out_leg=False)
+    assert alone.test is None
+    assert alone.verdict == found.verdict
+    assert [(one.name, one.probability) for one in alone.causes] == [(one.name, one.probability) for one in found.causes]
     assert held_out(found).improvement_ci95[0] > 0.0
+
+
+@pytest.mark.xfail(
+    reason="with windows of 9.1 s a hysteresis beside a wander is likelier, at 0.62, than the warm-up that improves the leg: "
+    "docs/diagnosis.md",
+    strict=True,
+)
+def test_the_answer_does_not_hang_on_the_window() -> None:
+    assert held_out(likelier_of_two(None)).improvement_ci95[0] > 0.0
