@@ -16,6 +16,7 @@ import rlgcomp as rlg
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.diagnosis import text
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.text import place_text
@@ -100,6 +101,40 @@ def test_messages_are_codes_and_data(found: Diagnosis) -> None:
     codes = {one.code: one.data for one in found.remarks}
     assert codes["diagnosis.confirmed"] == {"runs": ["run1"]}
     assert codes["diagnosis.only"] == {"mechanisms": list(FEW)}
+
+
+def with_slow_error(found: Diagnosis, *, missing: bool) -> Diagnosis:
+    """The same, with a wander of 0.3 of the white noise beside the set."""
+    best, after = found.posterior.best, found.after
+    noise = dataclasses.replace(after.state.noise, wander=0.3)
+    posterior = dataclasses.replace(found.posterior, states=(dataclasses.replace(best, noise=noise, log_point=1e6),))
+    fit = dataclasses.replace(after, state=dataclasses.replace(after.state, noise=noise))
+    decision = dataclasses.replace(found.decision, verdict="unknown" if missing else "explained", wander=missing)
+    return dataclasses.replace(found, posterior=posterior, after=fit, decision=decision)
+
+
+def test_a_slow_error_of_the_set_is_in_the_headline(found: Diagnosis) -> None:
+    """However small it is, and beside laws as well."""
+    small = with_slow_error(found, missing=False)
+    slow = small.messages[0].data["slow_error"]
+    assert not slow["missing"]
+    assert slow["rms"] == pytest.approx(0.3 * small.after.white)
+    assert slow["probability"] > 0.99
+    assert text.slow_error_rows(small) == []
+    missing = with_slow_error(found, missing=True)
+    assert missing.messages[0].code == "diagnosis.wander"
+    assert len(text.member_rows(missing)) == len(missing.members) + 1
+    (law,) = (dataclasses.replace(one, mechanism=None) for one in missing.decision.named)
+    of_law = dataclasses.replace(missing, decision=dataclasses.replace(missing.decision, named=(law,))).messages[0]
+    assert of_law.code == "diagnosis.law"
+    assert of_law.data["slow_error"]["missing"]
+    assert found.messages[0].data["slow_error"] is None
+
+
+def test_a_two_state_process_has_its_name_in_the_set(found: Diagnosis) -> None:
+    best = dataclasses.replace(found.posterior.best, telegraph=object(), log_point=1e6)
+    beside = dataclasses.replace(found, posterior=dataclasses.replace(found.posterior, states=(best,)))
+    assert text.alternative_rows(beside)[0][0] == "supply_voltage + random_telegraph"
 
 
 def test_the_file_predicts_as_the_augmented_simulator(found: Diagnosis, runs: list[Recording], tmp_path: Path) -> None:

@@ -53,6 +53,8 @@ def test_an_effect_in_one_run_is_named_with_its_run(in_one: Diagnosis) -> None:
     assert abs(estimate.value - 0.8) < 3.0 * estimate.sd
     (told,) = (one for one in in_one.remarks if one.code == "diagnosis.in_some_runs")
     assert told.data == {"mechanism": "supply_voltage", "runs": ["run1"], "of": 3}
+    (named,) = in_one.messages[0].data["causes"]
+    assert (named["runs"], named["of"]) == (["run1"], 3)
 
 
 def test_its_finding_has_its_size_by_run_and_its_function(in_one: Diagnosis) -> None:

@@ -175,6 +175,11 @@ class Cause:
         return np.asarray(sum(term.contribution(recording, rng) for term in terms))
 
     @property
+    def acts_in(self) -> list[str]:
+        """Runs in which it acts, of those that `runs` has."""
+        return [run for run, rms in self.runs.items() if rms > 0.0]
+
+    @property
     def rms_deg_h(self) -> float:
         """The same number, for a gyro."""
         return self.rms

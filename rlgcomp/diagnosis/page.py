@@ -155,6 +155,7 @@ def _answers(record: Record) -> pd.DataFrame:
         ]
         for one in record.members
     ]
+    rows += [[name, p, rms.removesuffix(f" {record.unit}"), of, ""] for name, p, rms, of in text.slow_error_rows(record)]
     return _frame(columns, rows)
 
 

@@ -30,7 +30,7 @@ EVIDENCE: Final = "R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90, 773 (1995)
 BOOTSTRAP: Final = "D. N. Politis, J. P. Romano, in Exploring the Limits of Bootstrap, Wiley, 1992 (circular block bootstrap)."
 _ALTERNATIVES: Final = 5
 _LEAST_ALTERNATIVE: Final = 1e-3
-_LATENT: Final = {"telegraph": ["random_telegraph"], "wander": ["unrecorded"]}
+LATENT: Final = {"telegraph": ["random_telegraph"], "wander": ["unrecorded"]}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,12 +217,18 @@ class Record:
         """The laws without a name."""
         return tuple(one for one in self.members if not one.named)
 
+    @property
+    def slow_error_rms(self) -> float:
+        """Standard deviation of the slow error of no recorded column that the likeliest set has; zero without one."""
+        latent = self.posterior.effects_of(self.posterior.best)[1] == "wander" and self.verdict != "none"
+        return self.after.white * self.after.state.noise.wander if latent or self.decision.wander else 0.0
+
     @functools.cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """The next most probable sets."""
         ordered = sorted(self.posterior.of_effects.items(), key=lambda item: item[1], reverse=True)
         return tuple(
-            Alternative(tuple(sorted([*regions, *_LATENT.get(latent, [])])), p)
+            Alternative(tuple(sorted([*regions, *LATENT.get(latent, [])])), p)
             for (regions, latent), p in ordered[1 : 1 + _ALTERNATIVES]
             if p > _LEAST_ALTERNATIVE
         )

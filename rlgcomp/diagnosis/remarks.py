@@ -13,6 +13,7 @@ from rlgcomp.diagnosis.clocks import CLOCK
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import within
+from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.lateness import LATE_MONITOR, LATE_THERMOMETER
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.record import Record
@@ -41,7 +42,7 @@ _CLEAR_LAG: Final = 3.0  # standard deviations of a lag, from which on it is tol
 def headline(record: Record) -> Message:
     """The verdict with what is named."""
     causes = [_cause(one) for one in record.causes]
-    simulator = record.request.simulator
+    simulator, slow = record.request.simulator, _slow_error(record)
     if record.verdict == "none" and record.healthy < _AS_LIKELY:
         return message("diagnosis.nothing_named", simulator=simulator, probability=record.healthy)
     if record.verdict == "none":
@@ -51,20 +52,38 @@ def headline(record: Record) -> Message:
         return message("diagnosis.louder", simulator=simulator, ratio=ratio, p_value=p_value)
     if record.laws:
         laws = [
-            {"law": one.name, "drivers": one.drivers, "memory": one.memory, "probability": one.probability} for one in record.laws
+            {"law": one.name, "drivers": one.drivers, "memory": one.memory, "probability": one.probability} | _in_runs(one)
+            for one in record.laws
         ]
-        return message("diagnosis.law", simulator=simulator, causes=causes, laws=laws)
+        return message("diagnosis.law", simulator=simulator, causes=causes, laws=laws, slow_error=slow)
     if record.decision.wander:
         return message("diagnosis.wander", simulator=simulator, causes=causes, probability=record.posterior.of_latent("wander"))
-    return message("diagnosis.causes", simulator=simulator, causes=causes)
+    return message("diagnosis.causes", simulator=simulator, causes=causes, slow_error=slow)
 
 
-def _cause(one: Any) -> dict[str, Any]:
+def _cause(one: Cause) -> dict[str, Any]:
     return {
         "mechanism": one.name,
         "probability": one.probability,
         "instead": one.indistinguishable_from,
         "perhaps_nothing": one.perhaps_nothing,
+    } | _in_runs(one)
+
+
+def _in_runs(one: Cause) -> dict[str, Any]:
+    """Runs that a finding acts in, of all training runs, where they are some alone."""
+    return {"runs": one.acts_in, "of": len(one.runs)} if len(one.acts_in) < len(one.runs) else {}
+
+
+def _slow_error(record: Record) -> dict[str, Any] | None:
+    """The slow error of no recorded column in the likeliest set, and whether it is large enough to be missing; None without one."""
+    if not record.slow_error_rms:
+        return None
+    return {
+        "probability": min(record.posterior.of_latent("wander"), 1.0),
+        "rms": record.slow_error_rms,
+        "unit": record.unit,
+        "missing": record.decision.wander,
     }
 
 
@@ -230,9 +249,8 @@ def _lateness(record: Record) -> Iterator[Message]:
 def _selections(record: Record) -> Iterator[Message]:
     """Findings that act in some of the runs, or by another amplitude in each."""
     for cause in record.members:
-        acts = [run for run, rms in cause.runs.items() if rms > 0.0]
-        if cause.runs and len(acts) < len(cause.runs):
-            yield message("diagnosis.in_some_runs", mechanism=cause.name, runs=acts, of=len(cause.runs))
+        if len(cause.acts_in) < len(cause.runs):
+            yield message("diagnosis.in_some_runs", mechanism=cause.name, runs=cause.acts_in, of=len(cause.runs))
         elif cause.runs:
             yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from rlgcomp.diagnosis.findings import Cause
-from rlgcomp.diagnosis.record import Place, Record
+from rlgcomp.diagnosis.record import LATENT, Place, Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.scores import RunScore, Score
 from rlgcomp.report.messages.diagnosis import MEMORIES, region_words
@@ -39,8 +39,8 @@ def as_text(record: Record) -> str:
     """The whole diagnosis, the verdict first."""
     gained = gain(record)
     parts = ["\n".join([headline(record).text, *([] if gained is None else [gained.text])])]
-    if record.members:
-        parts.append(_table("What is missing", MEMBER_COLUMNS, member_rows(record)))
+    if rows := member_rows(record):
+        parts.append(_table("What is missing", MEMBER_COLUMNS, rows))
     if record.alternatives:
         parts.append(
             _table(
@@ -90,8 +90,8 @@ def _score_row(name: str, one: Score | RunScore) -> list[str]:
 
 
 def member_rows(record: Record) -> list[list[str]]:
-    """What is named: probability, size, drivers, parameters, what may stand in its place."""
-    return [
+    """What is named: probability, size, drivers, parameters, what may stand in its place; a slow error last."""
+    rows = [
         [
             one.name if one.named else f"a law ({MEMORIES[one.memory]})",
             probability_text(one.probability),
@@ -104,6 +104,15 @@ def member_rows(record: Record) -> list[list[str]]:
         ]
         for one in record.members
     ]
+    return [*rows, *([*row, "", ""] for row in slow_error_rows(record))]
+
+
+def slow_error_rows(record: Record) -> list[list[str]]:
+    """The slow error of no recorded column, where it is missing: probability, size, what it follows."""
+    if not record.decision.wander:
+        return []
+    probability = probability_text(min(record.posterior.of_latent("wander"), 1.0))
+    return [["a slow error of no recorded column", probability, f"{record.slow_error_rms:.3g} {record.unit}", "no column"]]
 
 
 def followed(one: Cause) -> str:
@@ -128,7 +137,7 @@ def cause_words(text: str) -> str:
 def alternative_rows(record: Record) -> list[list[str]]:
     """Sets with their probabilities, the named one first."""
     effects, latent = record.posterior.effects_of(record.posterior.best)
-    named = [*sorted(effects), *([latent] if latent else [])]
+    named = [*sorted(effects), *LATENT.get(latent, [])]
     others = [[" + ".join(one.mechanisms) or "nothing missing", probability_text(one.probability)] for one in record.alternatives]
     return [[" + ".join(named) or "nothing missing", probability_text(record.probability)], *others]
 

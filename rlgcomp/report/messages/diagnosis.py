@@ -53,29 +53,53 @@ def _words(names: Sequence[str], joined: str = "and") -> str:
 def _cause(cause: Mapping[str, Any]) -> str:
     instead = [*map(region_words, cause["instead"]), *(["nothing"] if cause["perhaps_nothing"] else [])]
     either = f" or, in its place, {listing(instead, 'or')}" if instead else ""
-    return f"{cause['mechanism']}{either} (probability {probability_text(cause['probability'])})"
+    return f"{cause['mechanism']}{either} (probability {probability_text(cause['probability'])}{_in_runs(cause)})"
 
 
-def _causes(simulator: str, causes: Sequence[Mapping[str, Any]]) -> str:
-    return f"{simulator[:1].upper()}{simulator[1:]} lacks {listing([_cause(one) for one in causes])}."
+def _in_runs(cause: Mapping[str, Any]) -> str:
+    return f"; in {len(cause['runs'])} of {cause['of']} runs" if cause.get("runs") else ""
 
 
-def _law(simulator: str, causes: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]]) -> str:
+_SLOW: Final = "a slow error that follows no law of one or two recorded columns"
+
+
+def _causes(simulator: str, causes: Sequence[Mapping[str, Any]], slow_error: Mapping[str, Any] | None = None) -> str:
+    return f"{simulator[:1].upper()}{simulator[1:]} lacks {listing([_cause(one) for one in causes])}.{_small(slow_error)}"
+
+
+def _small(slow_error: Mapping[str, Any] | None) -> str:
+    """A sentence on a slow error that is no larger than what the forms named may be off by."""
+    if slow_error is None or slow_error["missing"]:
+        return ""
+    probability = probability_text(slow_error["probability"])
+    return (
+        f" {_SLOW[:1].upper()}{_SLOW[1:]} is in the likeliest set as well (probability {probability}; "
+        f"rms {slow_error['rms']:.2g} {slow_error['unit']}), so small that the form of what is named may make it."
+    )
+
+
+def _law(
+    simulator: str,
+    causes: Sequence[Mapping[str, Any]],
+    laws: Sequence[Mapping[str, Any]],
+    slow_error: Mapping[str, Any] | None = None,
+) -> str:
     lacks = f"{simulator[:1].upper()}{simulator[1:]} lacks "
     named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
     texts = [
-        f"{region_words(one['law'])} ({MEMORIES[one['memory']]}; probability {probability_text(one['probability'])})"
+        f"{region_words(one['law'])} ({MEMORIES[one['memory']]}; probability {probability_text(one['probability'])}{_in_runs(one)})"
         for one in laws
     ]
-    return f"{lacks}{named}{listing(texts)}; no candidate mechanism has this form."
+    form = "these forms" if len(laws) > 1 else "this form"
+    also = ""
+    if slow_error is not None and slow_error["missing"]:
+        also = f" It lacks {_SLOW} besides (probability {probability_text(slow_error['probability'])})."
+    return f"{lacks}{named}{listing(texts)}; no candidate mechanism has {form}.{also}{_small(slow_error)}"
 
 
 def _wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
     named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
-    return (
-        f"{simulator[:1].upper()}{simulator[1:]} lacks {named}a slow error that follows no law of one or two recorded columns "
-        f"(probability {probability_text(probability)})."
-    )
+    return f"{simulator[:1].upper()}{simulator[1:]} lacks {named}{_SLOW} (probability {probability_text(probability)})."
 
 
 def _louder(simulator: str, ratio: float, p_value: float) -> str:
