@@ -52,6 +52,7 @@ def test_drag_is_found_for_light_balls(table: pd.DataFrame, ball: str) -> None:
     assert diagnosis.members
     assert diagnosis.test.augmented_rms < 0.35 * diagnosis.test.baseline_rms
     assert any(one.code == "diagnosis.identity" for one in diagnosis.remarks)
+    assert "late velocity_mps" not in diagnosis.posterior.regions  # the height would tell the delay of its own rate of change
 
 
 @pytest.mark.parametrize("ball", ["Bowling Ball", "Golf Ball"])

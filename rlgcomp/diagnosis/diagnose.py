@@ -201,10 +201,10 @@ class _Engine:
             present = [mechanism.name for mechanism in simulator.mechanisms]
             baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
             regions = list(named(setting, self.candidates, present))
-            regions += without_identities([*laws(setting, regions)], self.identities(data))
+            regions += [*laws(setting, regions)]
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
-        return bank, [*regions, *nuisances(data, baseline), *clocks], baseline
+        return bank, without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data)), baseline
 
     def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
         """The posterior of all sets, the simulator with its free shapes calibrated, and messages beside it."""

@@ -1,7 +1,8 @@
 """Kinematic identities: a recorded column that is the output's integral, or its rate of change, is a reading of it and no cause.
 
 Laws without a name that say no more than that are left out: of a column whose rate of change is the output, all with a memory (its
-value may act, as a velocity damps an acceleration); of a column that is the output's rate of change, all.
+value may act, as a velocity damps an acceleration); of a column that is the output's rate of change, all. Nor is such a column
+late: its delay would be told by the output itself.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.lateness import LATE
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
@@ -43,7 +45,9 @@ class Identity:
     output_is: Of
 
     def excludes(self, region: Region) -> bool:
-        """Whether a law says no more than the identity."""
+        """Whether a law, or a delay of the column, says no more than the identity."""
+        if region.key == LATE + self.column:
+            return True
         if region.mechanism is not None or region.nuisance or self.column not in region.drivers:
             return False
         return self.output_is == "integral" or region.memory != "static"
