@@ -350,7 +350,7 @@ def _without(best: State, posterior: Posterior) -> State:
     """The simulator alone under the noise that the gyro has beside a set; what an effect seems to be without it is no noise."""
     if not best.members:
         return _null(posterior)
-    return State((), dataclasses.replace(best.noise, errors=None, wander=0.0), 0.0)
+    return State((), dataclasses.replace(best.noise, errors=None, wander=0.0, smooth=False), 0.0)
 
 
 def _best(posterior: Posterior, decision: Decision) -> State:
