@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.bases import Basis, EachRun, Power
 from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
+from rlgcomp.diagnosis.lines import line_of
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.relaxations import Distributed
@@ -138,14 +139,18 @@ class Cause:
     terms: Callable[[], Sequence[Mechanism]] = tuple
 
     @property
+    def _of_catalogue(self) -> bool:
+        return self.mechanism is not None and bool(self.parameters) and not self.own_form
+
+    @property
     def formula(self) -> str:
         """The mechanism's equation where its parameters express the term, the form's elsewhere."""
-        return self.equation if self.mechanism is None or not self.parameters else self.mechanism().stated()
+        return self.mechanism().stated() if self.mechanism is not None and self._of_catalogue else self.equation
 
     @property
     def latex(self) -> str:
         """The formula as LaTeX; of a mechanism in words the formula of its description."""
-        description = "" if self.mechanism is None or not self.parameters else self.mechanism.__doc__ or ""
+        description = (self.mechanism.__doc__ or "") if self.mechanism is not None and self._of_catalogue else ""
         return equations.latex(self.formula, description)
 
     def sympy(self, *, numbers: bool = False) -> Any:
@@ -235,13 +240,15 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     form = fit.state.members[k].form
     mechanism = common["mechanism"]
     estimates = fit.parameters(k, mechanism) if mechanism is not None else _of_law(fit, k, unit)
+    own_form = mechanism is not None and not estimates
+    estimates = estimates or line_of(fit, k)
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
     contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
     return Cause(
         parameters={name: each for name, each in estimates.items() if each.sd <= abs(each.value)},
         undetermined=tuple(name for name, each in estimates.items() if each.sd > abs(each.value)),
         equation=form.equation,
-        own_form=mechanism is not None and not estimates,
+        own_form=own_form,
         drivers=region.drivers,
         memory=region.memory,
         function=function_of(fit, k),

@@ -264,10 +264,10 @@ class Fit:
         for name, value in lead.parameters().items():
             same = next((parameter for parameter in declared if parameter.name.startswith(name)), None)
             if same is not None and columns <= len(amplitudes):
-                found[same.name] = Estimate(value, self._spread(k, name, value), same.unit)
+                found[same.name] = Estimate(value, self.spread(k, name, value), same.unit)
         return found
 
-    def _spread(self, k: int, name: str, value: float) -> float:
+    def spread(self, k: int, name: str, value: float) -> float:
         """Standard deviation of a nonlinear parameter, of the fall of the evidence to both sides."""
         members = self.state.members
         given = self._evidence.given((*members[:k], *members[k + 1 :]))

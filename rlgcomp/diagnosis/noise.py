@@ -125,9 +125,9 @@ def relaxation(lags: int, windows: float) -> Array:
 
 
 def matern(lags: int, windows: float) -> Array:
-    """Autocovariance of window means of a process with the Matérn correlation of order 5/2 and that length; by points of windows."""
+    """The same of a process with the Matérn correlation of order 5/2 and that length, by points of windows."""
     places = np.arange(_POINTS) / _POINTS
-    apart = math.sqrt(5.0) * np.abs(np.arange(lags)[:, None] + np.subtract.outer(places, places).ravel()) / windows
+    apart = np.abs(np.arange(lags)[:, None] + np.subtract.outer(places, places).ravel()) * math.sqrt(5.0) / windows
     return np.asarray(np.mean((1.0 + apart + apart**2 / 3.0) * np.exp(-apart), axis=1))
 
 

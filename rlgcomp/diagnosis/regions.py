@@ -25,7 +25,7 @@ from rlgcomp.diagnosis.relaxations import SPREADS, Distributed
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
-from rlgcomp.diagnosis.times import Modulated, Since, SmoothSince, Wave
+from rlgcomp.diagnosis.times import Following, Modulated, Since, SmoothSince, Wave
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
@@ -198,7 +198,10 @@ _MODULATIONS: Final = (6, 16)  # knots of a run, of a wave whose frequency wande
 
 
 def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
-    """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each."""
+    """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each.
+
+    One of one phase may have an amplitude that follows a recorded column, as of a source on the supply that is recorded.
+    """
     data, grid = setting.data, setting.data.runs[0].grid
     longest = max(len(run.full) for run in data.runs)
     cells = _OVERSAMPLING * longest
@@ -206,6 +209,7 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
     places = np.arange(_CYCLES * _OVERSAMPLING, cells // 2)
     names = tuple(run.name for run in data.runs)
     log_share = -math.log(2.0 * max(1, len(places)))
+    columns = [Path(Driver.of(data, column)) for column in data.columns]
 
     def forms(frequency_hz: float, each: bool, knots: int = 0) -> Form:
         def wave(times: float) -> Basis:
@@ -222,6 +226,12 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
             return Form(key, "b = wave of a frequency that wanders about frequency_hz", (wandering,), harmonics_of(), (), log_share)
         return Form(key, f"b = wave of frequency_hz, {phase}", (wave(1.0),), (*harmonics_of(), *sides), (), log_share)
 
+    def following(frequency_hz: float, by: Path) -> Form:
+        wave = Following(Wave(frequency_hz, step_hz), by)
+        plain = forms(frequency_hz, False)
+        equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
+        return dataclasses.replace(plain, equation=equation, lead=(wave,), log_share=log_share - math.log(len(columns)))
+
     def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
         transforms = []
         for run, rows in zip(data.runs, data.slices, strict=True):
@@ -237,6 +247,7 @@ def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple
                 k = int(np.argmax(power))
                 found += [forms(float(places[k] + shift) * step_hz, each) for shift in (-0.5, 0.0, 0.5)]
                 found += [forms(float(places[k]) * step_hz, True, knots) for knots in _MODULATIONS if each]
+                found += [following(float(places[k]) * step_hz, by) for by in columns if not each]
                 power[max(0, k - 3 * _OVERSAMPLING) : k + 3 * _OVERSAMPLING + 1] = 0.0
         return tuple(found)
 

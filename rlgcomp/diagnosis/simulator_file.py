@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -23,7 +23,7 @@ from rlgcomp.diagnosis.lateness import Late
 from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
 from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.symmetries import Sign
-from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
+from rlgcomp.diagnosis.times import Following, Since, SmoothSince, Wave
 from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
@@ -292,10 +292,8 @@ class _Written:
                 product = float(weights[0]) / (one.half * other.half)
                 of = {"driver": one.columns[0], "driver_2": other.columns[0], "memory": "product"}
                 return [law(**of, knots=(one.centre, other.centre), weights=(product,))], True
-            case Wave():
-                of = {"memory": "growing wave" if basis.growing else "wave", "knots": (basis.frequency_hz,)}
-                cosine, sine = weights.tolist()
-                return [law(**of, weights=(cosine,), weights_2=(sine,))], True
+            case Wave() | Following():
+                return self._waves(basis, weights, law), True
             case TimesRate():
                 pieces, whole = self._pieces(basis.basis, weights, cause)
                 rate = basis.rate.driver
@@ -311,6 +309,20 @@ class _Written:
             case Late():
                 return self._of_late(basis, float(weights[0]), cause)
         return [], False
+
+    def _waves(self, basis: Wave | Following, weights: Array, law: Callable[..., TabulatedLaw]) -> list[TabulatedLaw]:
+        """A wave, and that times a column."""
+        wave = basis if isinstance(basis, Wave) else basis.wave
+        of = {"memory": "growing wave" if wave.growing else "wave", "knots": (wave.frequency_hz,)}
+        if isinstance(basis, Wave):
+            cosine, sine = weights.tolist()
+            return [law(**of, weights=(cosine,), weights_2=(sine,))]
+        driver, path = basis.by.driver, basis.by
+        slope = weights[2:] / (driver.half * path.half)
+        constant = weights[:2] - slope * (driver.centre + driver.half * path.centre)
+        (cosine, sine), (cosine_of, sine_of) = constant.tolist(), slope.tolist()
+        following = law(**of, weights=(cosine_of,), weights_2=(sine_of,), factor=driver.columns[0])
+        return [law(**of, weights=(cosine,), weights_2=(sine,)), following]
 
     def _of_late(self, late: Late, lag: float, cause: str) -> tuple[list[TabulatedLaw], bool]:
         """What a late column brings, as derivatives by time of functions of it; False beside none where it has other parts.

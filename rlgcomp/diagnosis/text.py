@@ -97,7 +97,12 @@ def member_rows(record: Record) -> list[list[str]]:
             probability_text(one.probability),
             f"{one.rms:.3g} {record.unit}",
             followed(one),
-            "; ".join(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items())
+            "; ".join(
+                [
+                    *([one.equation] if one.parameters and one.own_form else []),
+                    *(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items()),
+                ]
+            )
             or "; ".join(switch.text for switch in one.switches)
             or one.equation,
             region_words(listing(instead(one), "or")),

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.bases import Basis, gaussian_process
 from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.drivers import Path
 from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
@@ -99,9 +100,14 @@ class Modulated(Basis):
     wave: Wave
     knots: int
 
+    @property
+    def width(self) -> float:
+        """Correlation length of the processes over half a run."""
+        return 2.0 / self.knots
+
     def columns(self, run: Run) -> Array:
         time = 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0
-        slow = gaussian_process(time, 2.0 / self.knots, self.knots)
+        slow = gaussian_process(time, self.width, self.knots)
         return (self.wave.columns(run)[:, :, None] * slow[:, None, :]).reshape(run.bins, -1)
 
     def nearby(self, step: float) -> tuple[Self, ...]:
@@ -109,3 +115,26 @@ class Modulated(Basis):
 
     def parameters(self) -> dict[str, float]:
         return self.wave.parameters()
+
+
+@dataclasses.dataclass(frozen=True)
+class Following(Basis):
+    """A wave, and the same wave times a recorded column: its amplitude follows the column, or its phase does."""
+
+    wave: Wave
+    by: Path
+
+    def columns(self, run: Run) -> Array:
+        waves = self.wave.columns(run)
+        return np.hstack([waves, waves * self.by.values(run)[:, None]])
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, wave=wave) for wave in self.wave.nearby(step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.wave.parameters()
+
+    @property
+    def of_mechanism(self) -> bool:
+        """Its weights are not all amplitudes of the mechanism."""
+        return False

@@ -1,0 +1,92 @@
+"""Lines of the spectrum in a diagnosis: their frequency, an amplitude that follows a column, and what is smooth but no line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.data import Grid
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from rlgcomp.diagnosis.noise import matern
+from tests.few_monitors import few_monitors
+
+Array = npt.NDArray[np.float64]
+PERIOD_S = 1700.0
+PROGRAMMES = (
+    "start 20, hold 30, ramp -10 1, hold 60, ramp 40 1, hold 60",
+    "start 30, hold 50, ramp 0 1, hold 60, ramp 25 1, hold 60",
+    "start 25, hold 60, ramp 45 1, hold 60, ramp 10 1, hold 30",
+)
+
+
+def diagnosed(stray: Callable[[rlg.Recording, int], Array]) -> Diagnosis:
+    """Of two runs with what no simulator foresees, tested on a third."""
+    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
+        runs.append(few_monitors(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + stray(run, k)), truth=None)))
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
+    return diagnose(fitted, runs[:2], runs[2:], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+
+
+def wandering(run: rlg.Recording, k: int) -> Array:
+    """A line whose phase strays by some radians in a run."""
+    stray = 1.5 * np.sin(2.0 * np.pi * (run.time_s / 9000.0 + 0.3 * k))
+    return np.asarray(0.03 * np.sin(2.0 * np.pi * run.time_s / PERIOD_S + stray))
+
+
+def each_run(run: rlg.Recording, k: int) -> Array:
+    return np.asarray(0.01 * np.sin(2.0 * np.pi * run.time_s / PERIOD_S + 2.1 * k))
+
+
+@pytest.mark.parametrize("stray", [wandering, each_run])
+def test_a_line_has_a_frequency(stray: Callable[[rlg.Recording, int], Array]) -> None:
+    (finding,) = diagnosed(stray).to_mapping()["findings"]
+    assert finding["mechanism"] == "periodic_interference"
+    frequency = finding["parameters"]["frequency_hz"]
+    assert frequency["unit"] == "Hz"
+    assert frequency["value"] == pytest.approx(1.0 / PERIOD_S, abs=4.0 * frequency["sd"])
+    assert 0.0 < frequency["sd"] < 0.1 / PERIOD_S
+    if stray is wandering:  # of a sine of 1.5 rad and 9000 s
+        width = finding["parameters"]["linewidth_hz"]
+        assert width["value"] == pytest.approx(1.5 / 9000.0 / np.sqrt(2.0), rel=0.3)
+
+
+def test_the_amplitude_of_a_line_may_follow_a_column() -> None:
+    def stray(run: rlg.Recording, k: int) -> Array:
+        voltage = run.table["supply_voltage_V"].to_numpy()
+        del k
+        return np.asarray((0.02 + 1.5 * (voltage - 15.0)) * np.sin(2.0 * np.pi * run.time_s / PERIOD_S))
+
+    diagnosis = diagnosed(stray)
+    (cause,) = diagnosis.causes
+    assert "follows supply_voltage_V" in cause.equation
+    assert cause.parameters["frequency_hz"].value == pytest.approx(1.0 / PERIOD_S, rel=0.01)
+    assert diagnosis.test is not None
+    assert diagnosis.test.augmented_rms < 1.3 * diagnosis.test.noise_floor_rms
+    assert diagnosis.file_rms == pytest.approx(diagnosis.test.augmented_rms, rel=0.1)
+
+
+def test_a_smooth_stray_is_no_line() -> None:
+    def stray(run: rlg.Recording, k: int) -> Array:
+        smooth = gaussian_filter1d(np.random.default_rng(k).standard_normal(len(run)), 60.0)
+        return np.asarray(0.02 * smooth / np.std(smooth))
+
+    diagnosis = diagnosed(stray)
+    assert diagnosis.verdict == "unknown"
+    assert not diagnosis.members
+
+
+def test_a_smooth_wander_is_averaged_over_windows() -> None:
+    fine, length = 50, 3.0
+    apart = np.abs(np.subtract.outer(np.arange(4 * fine), np.arange(4 * fine))) / fine * np.sqrt(5.0) / length
+    each = (1.0 + apart + apart**2 / 3.0) * np.exp(-apart)
+    expected = each.reshape(4, fine, 4, fine).mean(axis=(1, 3))[0]
+    assert matern(4, length) == pytest.approx(expected, rel=5e-3)
