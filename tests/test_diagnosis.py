@@ -316,6 +316,28 @@ def test_a_further_run_is_predicted_with_the_mean_of_a_two_state_process(data: D
     assert predicted[1] - predicted[0] == pytest.approx(0.01 * path.mean(), abs=1e-6)
 
 
+def test_a_two_state_process_of_unequal_dwells_is_no_gain_of_runs_whose_jumps_nobody_foresees() -> None:
+    """Before, the simulator's constant holds the mean of the process, as least squares find it."""
+    rng, gyro = np.random.default_rng(8), Simulator.from_mapping(BASELINE | {"noise": NOISE})
+    runs = []
+    for k, programme in enumerate((*PROGRAMMES, PROGRAMMES[0])):
+        run = few_monitors(gyro.simulate(programme, seed=20 + k, step_s=10.0, name=f"run{k}"))
+        state, path = rng.random() < 0.8, []
+        while sum(map(len, path)) < len(run):
+            path.append(np.full(max(1, round(rng.exponential(180.0 if state else 45.0))), 0.03 if state else -0.03))
+            state = not state
+        runs.append(run.replace(table=run.table.assign(gyro_deg_h=run.table["gyro_deg_h"] + np.concatenate(path)[: len(run)])))
+    found = diagnose(Simulator.from_mapping(BASELINE), runs[:2], runs[2:], only=["supply_voltage"], black_box=False)
+    assert mechanisms(found) == ["random_telegraph"]
+    data = found.before.data
+    table, scored = data.means(found.before.baseline.columns), found.test
+    left = data.output - table @ np.linalg.lstsq(table, data.output, rcond=1e-12)[0]
+    assert found.train.baseline_rms <= 1.05 * np.sqrt(np.mean(left[data.of_windows] ** 2))
+    assert scored is not None
+    assert scored.improvement_ci95[0] <= 0.0 <= scored.improvement_ci95[1]
+    assert "diagnosis.gain_of_numbers" in {one.code for one in found.remarks}
+
+
 def test_bases_have_the_memory_that_they_name(data: Data) -> None:
     driver = Driver.of(data, "temperature_block_degC")
     run = data.runs[0]

@@ -37,13 +37,20 @@ def made(voltages: tuple[float, ...], slopes: tuple[float, ...] = (5e-4, 5e-4, 5
     return found
 
 
+def further_run() -> rlg.Recording:
+    """Without the effect."""
+    real = BASELINE | {"noise": {"angle_random_walk_deg_sqrt_h": 5e-4}}
+    return few_monitors(rlg.Simulator.from_mapping(real).simulate(PROGRAMMES[0], seed=9, step_s=10.0, name="further"))
+
+
 def diagnosed(*args: Any) -> Diagnosis:
     return diagnose(rlg.Simulator.from_mapping(BASELINE), made(*args), black_box=False)
 
 
 @pytest.fixture(scope="module")
 def in_one() -> Diagnosis:
-    return diagnosed((0.0, 0.8, 0.0))
+    runs = made((0.0, 0.8, 0.0))
+    return diagnose(rlg.Simulator.from_mapping(BASELINE), runs, [further_run()], black_box=False)
 
 
 def test_an_effect_in_one_run_is_named_with_its_run(in_one: Diagnosis) -> None:
@@ -55,6 +62,18 @@ def test_an_effect_in_one_run_is_named_with_its_run(in_one: Diagnosis) -> None:
     assert told.data == {"mechanism": "supply_voltage", "runs": ["run1"], "of": 3}
     (named,) = in_one.messages[0].data["causes"]
     assert (named["runs"], named["of"]) == (["run1"], 3)
+
+
+def test_a_gain_in_runs_where_no_finding_acts_is_of_the_simulators_own_numbers(in_one: Diagnosis) -> None:
+    (gain,) = (one for one in in_one.remarks if one.code == "diagnosis.gain_of_numbers")
+    assert in_one.test is not None
+    assert gain.data["mechanisms"] == ["supply_voltage"]
+    assert (gain.data["before"], gain.data["after"]) == (in_one.test.baseline_rms, in_one.test.augmented_rms)
+    everywhere = diagnose(
+        rlg.Simulator.from_mapping(BASELINE), made((0.8, 0.8, 0.8)), [further_run()], only=["supply_voltage"], black_box=False
+    )
+    assert [cause.name for cause in everywhere.causes] == ["supply_voltage"]
+    assert "diagnosis.gain_of_numbers" not in {one.code for one in everywhere.remarks}
 
 
 def test_its_finding_has_its_size_by_run_and_its_function(in_one: Diagnosis) -> None:

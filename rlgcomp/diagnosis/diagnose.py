@@ -347,7 +347,13 @@ def _null(posterior: Posterior) -> State:
 
 
 def _without(best: State, posterior: Posterior) -> State:
-    """The simulator alone under the noise that the gyro has beside a set; what an effect seems to be without it is no noise."""
+    """The simulator alone under the noise that the gyro has beside a set; what an effect seems to be without it is no noise.
+
+    Jumps of a two-state process are no random walk either: under one, the beginnings of the runs would tell the constant. Least
+    squares put the mean of the process into it.
+    """
+    if best.telegraph is not None:
+        return State((), Noise(encoder=best.noise.encoder), 0.0)
     if not best.members:
         return _null(posterior)
     return State((), dataclasses.replace(best.noise, errors=None, wander=0.0, smooth=False), 0.0)

@@ -118,6 +118,7 @@ def remarks(record: Record) -> tuple[Message, ...]:
         *record.warnings,
         *_doubts(record),
         *_black_box(record),
+        *_gain_of_numbers(record),
         *_selections(record),
         *_baseline(record),
         *_forms(record),
@@ -244,6 +245,23 @@ def _lateness(record: Record) -> Iterator[Message]:
                 continue
             alike = [one.name for one in record.causes if one.memory == "dynamic" and column in one.drivers]
             yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd, instead=alike)
+
+
+def _gain_of_numbers(record: Record) -> Iterator[Message]:
+    """Test runs that are predicted without any finding: their error changes by the simulator's own numbers alone."""
+    if record.verdict == "none" or record.test is None or not record.members:
+        return
+    fit, named = record.after, {one.region for one in record.decision.named}
+    acting = [k for k, member in enumerate(fit.state.members) if member.form.region in named]
+    if not any(np.any(fit.term(k, run)) for k, run in itertools.product(acting, record.test_runs)):
+        yield message(
+            "diagnosis.gain_of_numbers",
+            mechanisms=[one.name for one in record.members],
+            before=record.test.baseline_rms,
+            after=record.test.augmented_rms,
+            floor=record.test.noise_floor_rms,
+            unit=record.test.unit,
+        )
 
 
 def _selections(record: Record) -> Iterator[Message]:

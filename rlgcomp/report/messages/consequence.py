@@ -58,6 +58,7 @@ LIMITING: Final = frozenset(
         "diagnosis.extrapolated",
         "diagnosis.file_differs",
         "diagnosis.file_gain",
+        "diagnosis.gain_of_numbers",
         "diagnosis.indistinguishable",
         "diagnosis.late_monitor",
         "diagnosis.late_thermometer",

@@ -254,6 +254,13 @@ def _not_in_file(parts: Sequence[str]) -> str:
     )
 
 
+def _gain_of_numbers(mechanisms: Sequence[str], before: float, after: float, floor: float, unit: str) -> str:
+    return (
+        f"The test runs are predicted without {_words(mechanisms)}. That their error changes from {rms_text(before, floor)} to "
+        f"{rms_text(after, floor)} {unit} is no gain of a finding: it is that of the simulator's own numbers, calibrated beside it."
+    )
+
+
 def _file_gain(before: float, after: float, file: float, floor: float, unit: str, improvement: float) -> str:
     return (
         f"The gain is that of the fit. augmented.yaml by itself leaves {rms_text(file, floor)} {unit} of the test runs, "
@@ -424,6 +431,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.indistinguishable": _alike,
     "diagnosis.perhaps_nothing": _perhaps_nothing,
     "diagnosis.file_gain": _file_gain,
+    "diagnosis.gain_of_numbers": _gain_of_numbers,
     "diagnosis.compensation_better": _compensation_better,
     "diagnosis.learnt_from_columns": _learnt,
     "diagnosis.wrong_number": _wrong_number,
