@@ -59,6 +59,8 @@ def test_where_it_beats_the_physics_the_report_tells_it(found: Diagnosis, tmp_pa
     codes = {one.code: one.data for one in wandering.remarks}
     assert codes["diagnosis.compensation_better"]["compensation"] < wandering.test.augmented_rms
     assert codes["diagnosis.compensation_better"]["runs"] == "test"
+    low, high = codes["diagnosis.compensation_better"]["less_ci95"]
+    assert 0.0 < low < 1.0 - wandering.test.compensation_std / wandering.test.augmented_std < high < 1.0
     assert codes["diagnosis.learnt_from_columns"]["causes"] == ["wander"]
     assert codes["diagnosis.learnt_from_columns"]["share"] > 0.5
     wandering.report(tmp_path / "report.html")
@@ -69,10 +71,21 @@ def test_where_it_beats_the_physics_the_report_tells_it(found: Diagnosis, tmp_pa
 
 def test_columns_hold_no_more_where_noise_alone_is_left(found: Diagnosis) -> None:
     wandering = dataclasses.replace(found, after=found.before, decision=Decision("unknown", (), wander=True))
-    vars(wandering)["test"] = dataclasses.replace(wandering.test, noise_floor_rms=wandering.test.augmented_rms)
+    vars(wandering)["test"] = dataclasses.replace(wandering.test, noise_floor_rms=wandering.test.augmented_std)
     codes = {one.code for one in wandering.remarks}
     assert "diagnosis.learnt_from_columns" in codes
     assert "diagnosis.compensation_better" not in codes
+
+
+def test_a_better_mean_of_a_run_is_no_law_of_recorded_columns(found: Diagnosis) -> None:
+    """A gyro that drifts has another mean in each run, which an LS-SVM meets by chance."""
+    wandering = dataclasses.replace(found, after=found.before, decision=Decision("unknown", (), wander=True))
+    assert wandering.test is not None
+    assert wandering.test.over_compensation_ci95[1] < -0.02
+    vars(wandering)["test"] = dataclasses.replace(wandering.test, over_compensation_std_ci95=(-0.1, 0.1))
+    codes = {one.code for one in wandering.remarks}
+    assert not {"diagnosis.compensation_better", "diagnosis.learnt_from_columns"} & codes
+    assert wandering.learnt is None
 
 
 def test_it_can_be_left_out(found: Diagnosis) -> None:

@@ -177,6 +177,21 @@ def test_a_fault_of_one_run_is_noticed_in_that_run(healthy: list[rlg.Recording],
     assert set(found) == {"faulty"}
 
 
+def test_a_last_digit_that_hides_all_noise_tells_no_other_noise(healthy: list[rlg.Recording]) -> None:
+    """What is left of the noise is that of the moments at which the digit changes, a different number of them in each run."""
+    rng, runs = np.random.default_rng(0), []
+    for run, slope, sd in zip(healthy, (0.002, 0.0002, 0.002), (0.02, 0.0, 0.02), strict=True):
+
+        def humid(table: pd.DataFrame, slope: float = slope, sd: float = sd) -> pd.DataFrame:
+            humidity = 40.0 + slope * np.arange(len(table)) + rng.normal(0.0, sd, len(table))
+            return table.assign(humidity_percent=humidity.round(1))
+
+        runs.append(changed(run, humid, run.name))
+    assert not compare(runs)
+    coarser = changed(runs[1], lambda table: table.assign(humidity_percent=1.8 * table["humidity_percent"]), "scaled")
+    assert codes([runs[0], coarser, runs[2]])["scaled"]
+
+
 def test_thermometers_that_rest_are_compared(healthy: list[rlg.Recording]) -> None:
     """Also where their only value is next to zero, by which nothing can be divided."""
     for value in (20.0, 0.0, 1e-320):

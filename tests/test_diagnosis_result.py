@@ -18,6 +18,7 @@ from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis import text
 from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.fit import Estimate
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.text import place_text
 from rlgcomp.errors import InputError
@@ -120,6 +121,7 @@ def test_a_slow_error_of_the_set_is_in_the_headline(found: Diagnosis) -> None:
     assert not slow["missing"]
     assert slow["rms"] == pytest.approx(0.3 * small.after.white)
     assert slow["probability"] > 0.99
+    assert small.after.noise_rms / small.after.white == pytest.approx(found.after.noise_rms / found.after.white)
     assert text.slow_error_rows(small) == []
     missing = with_slow_error(found, missing=True)
     assert missing.messages[0].code == "diagnosis.wander"
@@ -129,6 +131,22 @@ def test_a_slow_error_of_the_set_is_in_the_headline(found: Diagnosis) -> None:
     assert of_law.code == "diagnosis.law"
     assert of_law.data["slow_error"]["missing"]
     assert found.messages[0].data["slow_error"] is None
+
+
+def test_a_delay_that_is_not_stated_is_not_left_out_of_the_file(found: Diagnosis) -> None:
+    def parts(**lags: Estimate) -> list[str]:
+        fit = dataclasses.replace(found.after)
+        vars(fit)["numbers"] = {"late thermometer": lags}
+        beside = dataclasses.replace(found, after=fit)
+        vars(beside)["augmented_file"] = dataclasses.replace(
+            found.augmented_file, left_out=("late temperature_block_degC", "mode_hop")
+        )
+        codes = {one.code: one.data for one in beside.remarks}
+        assert ("diagnosis.late_thermometer" in codes) == ("late temperature_block_degC" in codes["diagnosis.not_in_file"]["parts"])
+        return list(codes["diagnosis.not_in_file"]["parts"])
+
+    assert parts(temperature_block_degC=Estimate(2.0, 0.8, "s")) == ["mode_hop"]
+    assert parts(temperature_block_degC=Estimate(2.0, 0.2, "s")) == ["late temperature_block_degC", "mode_hop"]
 
 
 def test_a_two_state_process_has_its_name_in_the_set(found: Diagnosis) -> None:
@@ -329,4 +347,8 @@ def test_places_are_told_in_the_unit_of_the_run(found: Diagnosis) -> None:
     (place, *_) = found.where
     assert place_text(place).startswith("run0 gyro_deg_h, ")
     assert place_text(dataclasses.replace(place, start_s=0.0, end_s=9000.0, regime=None)) == "run0 gyro_deg_h, 0 to 2.5 h"
+    assert (
+        place_text(dataclasses.replace(place, start_s=86401.5, end_s=86409.0, regime=None), 86400.0)
+        == "run0 gyro_deg_h, 1.5 to 9 s"
+    )
     assert place_text(dataclasses.replace(place, start_s=1.5, end_s=9.0, regime=None)) == "run0 gyro_deg_h, 1.5 to 9 s"

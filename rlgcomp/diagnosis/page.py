@@ -19,11 +19,10 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import is_gyro
 from rlgcomp.report.messages.diagnosis import MEMORIES, region_words
 from rlgcomp.report.messages.wording import (
+    change_text,
     estimate_text,
-    interval_text,
     listing,
     p_text,
-    percent_text,
     probability_text,
     rms_text,
     time_text,
@@ -104,9 +103,9 @@ def _page(record: Record, truth: Mapping[str, Mechanism] | None, folder: Path | 
         is_gyro=is_gyro(record.request.channel),
         before=rms_text(proof.baseline_rms, proof.noise_floor_rms),
         after=rms_text(proof.augmented_rms, proof.noise_floor_rms),
-        improvement=percent_text(proof.improvement),
-        interval=interval_text(proof.improvement_ci95),
+        improvement=change_text(proof.improvement, proof.improvement_ci95),
         proof=proof,
+        slow_error=f"{record.slow_error_rms:.2g} {record.unit}" if record.slow_error_rms else "",
         proven=record.test is not None,
         averaging=time_text(proof.averaging_s),
         held_out=[f"{run.name} ({time_text(run.bins * run.grid.bin_s)})" for run in record.test_runs],

@@ -281,15 +281,24 @@ class Record:
 
     @property
     def learnt(self) -> float | None:
-        """Share of the mismatch's square, beyond white noise, that the LS-SVM has of runs that it was not trained on."""
+        """Share of what the findings leave, squared and beyond white noise, that the LS-SVM predicts of runs it was not trained on.
+
+        Each run is taken about its own mean, which a calibrated simulator has wrong where it drifts. None where the LS-SVM has no
+        clearly smaller error, or where there is no such run and a finding follows a recorded column.
+        """
         if self.black_box is None:
             return None
         window_s = self.train.averaging_s
-        if self.test is None or self.test.compensation_rms is None:
-            before, left, averaging_s = self.train.baseline_rms, self.black_box.left_out_rms, self.black_box.averaging_s
+        proof = self.test or self.confirm
+        if proof is not None and proof.compensation_std is not None and proof.over_compensation_std_ci95 is not None:
+            if proof.over_compensation_std_ci95[1] >= 0.0:
+                return None
+            unexplained, left, averaging_s = proof.augmented_std, proof.compensation_std, window_s
+        elif any(one.drivers for one in self.members):
+            return None
         else:
-            before, left, averaging_s = self.test.baseline_rms, self.test.compensation_rms, window_s
-        mismatch = before**2 - self.after.white**2
+            unexplained, left, averaging_s = self.train.baseline_std, self.black_box.left_out_rms, self.black_box.averaging_s
+        mismatch = unexplained**2 - self.after.white**2
         left_of_it = left**2 - self.after.white**2 * window_s / averaging_s
         return 1.0 - max(left_of_it, 0.0) / mismatch if mismatch > 0.0 else None
 

@@ -14,7 +14,8 @@ from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import within
 from rlgcomp.diagnosis.findings import Cause
-from rlgcomp.diagnosis.lateness import LATE_MONITOR, LATE_THERMOMETER
+from rlgcomp.diagnosis.fit import Estimate
+from rlgcomp.diagnosis.lateness import LATE, LATE_MONITOR, LATE_THERMOMETER
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import Score
@@ -35,7 +36,7 @@ _LARGE: Final = 4.0  # each so many times as large as their sum
 _FILE_ERROR: Final = 0.2  # of the noise of a window mean
 _OTHER_NOISE: Final = 1.5
 _BEATEN: Final = 0.02  # of the error, by which an LS-SVM leaves less at least
-_LEARNT: Final = 0.5  # of the mismatch, that recorded columns together tell where a cause follows none
+_LEARNT: Final = 0.5  # of what the findings leave, that recorded columns together tell where a cause follows none
 _CLEAR_LAG: Final = 3.0  # standard deviations of a lag, from which on it is told
 
 
@@ -171,9 +172,11 @@ def _black_box(record: Record) -> Iterator[Message]:
     if record.latent and learnt is not None and learnt > _LEARNT:
         yield message("diagnosis.learnt_from_columns", causes=record.latent, share=learnt)
     for runs, one in (("test", record.test), ("confirm", record.confirm)):
-        if one is None or one.over_compensation_ci95 is None or one.augmented_rms <= one.noise_floor_rms:
+        if one is None or one.over_compensation_ci95 is None or one.over_compensation_std_ci95 is None:
             continue
-        if one.over_compensation_ci95[1] < -_BEATEN:
+        if one.augmented_std <= one.noise_floor_rms:
+            continue
+        if one.over_compensation_ci95[1] < -_BEATEN and one.over_compensation_std_ci95[1] < 0.0:
             yield message(
                 "diagnosis.compensation_better",
                 runs=runs,
@@ -182,6 +185,7 @@ def _black_box(record: Record) -> Iterator[Message]:
                 floor=one.noise_floor_rms,
                 unit=one.unit,
                 target=box.target,
+                less_ci95=[1.0 - 1.0 / (1.0 - end) for end in reversed(one.over_compensation_std_ci95)],
                 named=record.verdict != "none",
             )
             return
@@ -189,10 +193,17 @@ def _black_box(record: Record) -> Iterator[Message]:
 
 def _baseline(record: Record) -> Iterator[Message]:
     """Steps, biases of runs, late columns, stated numbers that do not fit."""
+    began_s = {run.name: float(run.binned.time_s[0]) for run in record.after.data.runs}
     for step in record.steps:
         size: Mapping[str, Any] = step["size"]
         yield message(
-            "diagnosis.bias_step", run=step["run"], at_s=step["at_s"], size=size["value"], sd=size["sd"], unit=size["unit"]
+            "diagnosis.bias_step",
+            run=step["run"],
+            at_s=step["at_s"],
+            since_start_s=step["at_s"] - began_s[step["run"]],
+            size=size["value"],
+            sd=size["sd"],
+            unit=size["unit"],
         )
     found = record.recalibration
     biases = found.get(RUN_BIAS, {})
@@ -235,16 +246,16 @@ def _baseline(record: Record) -> Iterator[Message]:
 
 def _lateness(record: Record) -> Iterator[Message]:
     """Columns that are late, thermometers with the findings whose fast parts would look alike."""
-    found = record.recalibration
-    for key, code in ((LATE_THERMOMETER, "diagnosis.late_thermometer"), (LATE_MONITOR, "diagnosis.late_monitor")):
-        for column, lag in found.get(key, {}).items():
-            if lag.value <= _CLEAR_LAG * lag.sd:
-                continue
-            if code == "diagnosis.late_monitor":
-                yield message("diagnosis.late_monitor", column=column, lag_s=lag.value, sd_s=lag.sd)
-                continue
-            alike = [one.name for one in record.causes if one.memory == "dynamic" and column in one.drivers]
-            yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd, instead=alike)
+    for column, lag in _clear_lags(record, LATE_THERMOMETER).items():
+        alike = [one.name for one in record.causes if one.memory == "dynamic" and column in one.drivers]
+        yield message("diagnosis.late_thermometer", column=column, lag_s=lag.value, sd_s=lag.sd, instead=alike)
+    for column, lag in _clear_lags(record, LATE_MONITOR).items():
+        yield message("diagnosis.late_monitor", column=column, lag_s=lag.value, sd_s=lag.sd)
+
+
+def _clear_lags(record: Record, kind: str) -> dict[str, Estimate]:
+    """Delays of columns that are told from zero."""
+    return {column: lag for column, lag in record.recalibration.get(kind, {}).items() if lag.value > _CLEAR_LAG * lag.sd}
 
 
 def _gain_of_numbers(record: Record) -> Iterator[Message]:
@@ -363,8 +374,10 @@ def _file(record: Record) -> Iterator[Message]:
             unit=test.unit,
             improvement=1.0 - alone / test.baseline_rms,
         )
-    if file.left_out:
-        yield message("diagnosis.not_in_file", parts=file.left_out)
+    late = {f"{LATE}{column}" for kind in (LATE_THERMOMETER, LATE_MONITOR) for column in _clear_lags(record, kind)}
+    parts = [part for part in file.left_out if not part.startswith(LATE) or part in late]
+    if parts:
+        yield message("diagnosis.not_in_file", parts=parts)
     if file.error > _FILE_ERROR:
         yield message("diagnosis.file_differs", error=file.error, averaging_s=record.train.averaging_s)
 

@@ -36,6 +36,8 @@ class RunScore:
         By circular block bootstrap.
     compensation_rms : float, optional
         Of an LS-SVM that was trained on the training runs, of other runs.
+    compensation_std : float, optional
+        The same about the run's own mean.
     """
 
     run: str
@@ -47,6 +49,7 @@ class RunScore:
     improvement: float
     improvement_ci95: tuple[float, float]
     compensation_rms: float | None = None
+    compensation_std: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +63,8 @@ class Score:
     averaging_s : float
     over_compensation_ci95 : tuple of float, optional
         Of 1 - augmented / compensation: where it is below zero, the LS-SVM beats the findings.
+    over_compensation_std_ci95 : tuple of float, optional
+        The same, each run about its own mean.
     per_run : tuple of RunScore
     """
 
@@ -77,6 +82,8 @@ class Score:
     per_run: tuple[RunScore, ...]
     compensation_rms: float | None = None
     over_compensation_ci95: tuple[float, float] | None = None
+    compensation_std: float | None = None
+    over_compensation_std_ci95: tuple[float, float] | None = None
 
 
 def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox | None = None) -> Score | None:
@@ -98,12 +105,13 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox
     per_run = []
     learnt = [None if box is None else box.residual(run) for run in runs]
     compensated = [(left, pair[1]) for left, pair in zip(learnt, pairs, strict=True) if left is not None]
+    of_own_mean = [(left - left.mean(), right - right.mean()) for left, right in compensated]
     for run, pair, about, left in zip(runs, pairs, centred, learnt, strict=True):
         one, other = _rms([pair[0]]), _rms([pair[1]])
         stds = _rms([about[0]]), _rms([about[1]])
         whole = RunScore(run.name, one, other, after.noise_rms, *stds, 1.0 - other / one, _interval([pair]))
         if left is not None:
-            whole = dataclasses.replace(whole, compensation_rms=_rms([left]))
+            whole = dataclasses.replace(whole, compensation_rms=_rms([left]), compensation_std=_rms([left - left.mean()]))
         per_run.append(whole)
     sizes = [[_rms([pair[k] for pair in group]) for k in (0, 1)] for group in (pairs, centred)]
     (one, other), (one_std, other_std) = sizes
@@ -122,6 +130,8 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox
         tuple(per_run),
         _rms([left for left, _ in compensated]) if compensated else None,
         _interval(compensated) if compensated else None,
+        _rms([left for left, _ in of_own_mean]) if compensated else None,
+        _interval(of_own_mean) if compensated else None,
     )
 
 

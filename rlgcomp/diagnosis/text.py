@@ -52,7 +52,7 @@ def as_text(record: Record) -> str:
     if record.where:
         title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"
         by_run, by_regime = place_rows(record)
-        parts.append(_table(f"{title}: by run", PLACE_COLUMNS, by_run[:_SHOWN]))
+        parts.append(_table(f"{title}: by run, from its start", PLACE_COLUMNS, by_run[:_SHOWN]))
         if by_regime:
             parts.append(_table("The same mismatch divided again, by what the driver does in all runs", PLACE_COLUMNS, by_regime))
     title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {typeset(record.unit)}"
@@ -147,11 +147,11 @@ def alternative_rows(record: Record) -> list[list[str]]:
     return [[" + ".join(named) or "nothing missing", probability_text(record.probability)], *others]
 
 
-def place_text(place: Place) -> str:
-    """A place of the mismatch."""
+def place_text(place: Place, began_s: float = 0.0) -> str:
+    """A place of the mismatch, with times since a beginning, that of its run."""
     parts = [f"{place.run} {place.channel}"]
     if place.start_s is not None and place.end_s is not None:
-        parts.append(span_text(place.start_s, place.end_s))
+        parts.append(span_text(place.start_s - began_s, place.end_s - began_s))
     if place.regime:
         parts.append(place.regime)
     if place.frequency_hz is not None:
@@ -163,7 +163,8 @@ def place_text(place: Place) -> str:
 
 def place_rows(record: Record) -> tuple[list[list[str]], list[list[str]]]:
     """Places of the mismatch with shares: intervals of runs; regimes of the driver in all runs, which divide the same sum again."""
-    by_run = [[place_text(one), percent_text(one.share)] for one in record.where if not one.regime]
+    began_s = {run.name: float(run.recording.time_s[0]) for run in record.after.data.runs}
+    by_run = [[place_text(one, began_s[one.run]), percent_text(one.share)] for one in record.where if not one.regime]
     regimes: dict[str, float] = {}
     for one in record.where:
         if one.regime:

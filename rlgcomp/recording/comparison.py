@@ -41,6 +41,7 @@ _FOLLOWS: Final = 0.8  # correlation of the gyro with the response of the other 
 _SMALLEST_SLOPE, _LARGEST_SLOPE = 0.33, 3.0
 _WINDOWS: Final = 400  # of a run in which the response is compared
 _MEAN_OF_LEAST: Final = 0.657  # mean of the least nine tenths of the absolute values of normal numbers
+_ROUNDING: Final = 12.0**-0.5  # of the last digit, the standard deviation of what rounding takes off
 _DIGITS: Final = 30  # steps of a channel's last digit within its noise, below which the digit hides the noise
 
 
@@ -160,6 +161,13 @@ def _channels(runs: Sequence[Recording]) -> list[Message]:
     return messages
 
 
+def _rounded_alike(channels: Sequence[_Channel]) -> bool:
+    """Whether the same last digit hides all noise of some channels: what is left of it depends on where the digit falls."""
+    digits = [one.digit for one in channels]
+    equal = max(digits) < 1.01 * min(digits)
+    return equal and all(one.hidden and one.noise < _ROUNDING * one.digit for one in channels)
+
+
 def _repeating(runs: Sequence[Recording], column: str, known: dict[int, _Channel]) -> list[Message]:
     """Messages of the run in which a gyro of fine digits repeats its last value or another one, as no other run does."""
     if not is_gyro(column) or any(one.hidden for one in known.values()):  # a thermometer may rest
@@ -188,7 +196,8 @@ def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel
     hidden = any(one.hidden for one in equal.values())
     if len(noises) > 1 and not (turning and is_gyro(column)):
         odd, ratio = _odd_one(noises)
-        if ratio > (ROUNDED_RATIO if hidden else NOISE_RATIO):
+        rounded = _rounded_alike([equal[k] for k in noises])
+        if not rounded and ratio > (ROUNDED_RATIO if hidden else NOISE_RATIO):
             messages.append(
                 message("recording.other_noise", run=runs[odd].name, column=column, ratio=noises[odd] / _typical(noises, odd))
             )

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from rlgcomp.report.messages.wording import (
+    change_text,
     estimate_text,
     interval_text,
     listing,
@@ -124,8 +125,8 @@ def _no_gain(
 ) -> str:
     del averaging_s
     return (
-        f"On the test runs no gain is proven: {rms_text(before, floor)} to {rms_text(after, floor)} {unit} "
-        f"({percent_text(improvement)}, 95 % interval {interval_text(interval)})."
+        f"On the test runs no gain is proven: {rms_text(before, floor)} to {rms_text(after, floor)} {unit}, "
+        f"{change_text(improvement, interval)}."
     )
 
 
@@ -134,33 +135,46 @@ def _loss(
 ) -> str:
     del averaging_s
     return (
-        f"On the test runs the error grows: {rms_text(before, floor)} to {rms_text(after, floor)} {unit} "
-        f"({percent_text(improvement)}, 95 % interval {interval_text(interval)}). Do not use the augmented simulator as it is."
+        f"On the test runs the error grows: {rms_text(before, floor)} to {rms_text(after, floor)} {unit}, "
+        f"{change_text(improvement, interval)}. Do not use the augmented simulator as it is."
     )
 
 
 def _compensation_better(
-    runs: str, compensation: float, after: float, floor: float, unit: str, target: str, named: bool = True
+    runs: str,
+    compensation: float,
+    after: float,
+    floor: float,
+    unit: str,
+    target: str,
+    less_ci95: Sequence[float],
+    named: bool = True,
 ) -> str:
     simulator = "with the findings" if named else "as calibrated"
     learns = "the output itself" if target == "output" else "what the calibrated simulator leaves"
     return (
         f"An LS-SVM that learns {learns} from the recorded columns of the training runs leaves less of the {runs} runs, "
-        f"{rms_text(compensation, floor)} {unit}, than the simulator {simulator}, {rms_text(after, floor)} {unit}: recorded "
-        "columns hold more than is named."
+        f"{rms_text(compensation, floor)} {unit}, than the simulator {simulator}, {rms_text(after, floor)} {unit} "
+        f"({interval_text(less_ci95)} less where the mean of each run is taken out, 95 % interval): recorded columns hold more "
+        "than is named."
     )
 
 
 def _learnt(causes: Sequence[str], share: float) -> str:
     names = listing(["A slow error" if one == "wander" else region_words(one) for one in causes])
     return (
-        f"{names} follows no recorded column, but an LS-SVM learns {percent_text(share)} of the mismatch from recorded columns: a "
-        "law of three or more of them together is likelier than a cause that was not recorded."
+        f"{names} was compared with laws of one or two recorded columns alone. An LS-SVM predicts from all recorded columns "
+        f"{percent_text(share)} of what the findings leave of runs that it was not trained on (squares, without noise and the mean "
+        "of each run): a law of more columns, or of another form, may be what is missing there."
     )
 
 
-def _step(run: str, at_s: float, size: float, sd: float, unit: str) -> str:
-    return f"The bias of {run} steps by {estimate_text(size, sd, unit)} at {time_text(at_s)}; no law can be learnt of one event."
+def _step(run: str, at_s: float, since_start_s: float, size: float, sd: float, unit: str) -> str:
+    del at_s
+    return (
+        f"The bias of {run} steps by {estimate_text(size, sd, unit)} {time_text(since_start_s)} after its start; no law can be "
+        "learnt of one event."
+    )
 
 
 def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
@@ -171,8 +185,8 @@ def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str
 def _late_thermometer(column: str, lag_s: float, sd_s: float, instead: Sequence[str]) -> str:
     alike = listing([f"a fast part of {name}" for name in instead] or ["a temperature_rate"], "or")
     return (
-        f"The thermometer {column} is late by {estimate_text(lag_s, sd_s, 's')}: the simulator reads it where the gyro is ahead. "
-        f"No physics is missing there, unless that sensor is known to be faster: {alike} would look alike."
+        f"The thermometer {column} is late by {estimate_text(lag_s, sd_s, 's')}: the gyro follows the temperature before its "
+        f"readings show it. No physics is missing there, unless that sensor is known to be faster: {alike} would look alike."
     )
 
 
@@ -264,7 +278,7 @@ def _gain_of_numbers(mechanisms: Sequence[str], before: float, after: float, flo
 def _file_gain(before: float, after: float, file: float, floor: float, unit: str, improvement: float) -> str:
     return (
         f"The gain is that of the fit. augmented.yaml by itself leaves {rms_text(file, floor)} {unit} of the test runs, "
-        f"{percent_text(improvement)} less than the {rms_text(before, floor)} {unit} before, where the fit leaves "
+        f"{change_text(improvement)} than the {rms_text(before, floor)} {unit} before, where the fit leaves "
         f"{rms_text(after, floor)} {unit}: the file starts every run alike, and holds no history or delay."
     )
 

@@ -210,7 +210,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.bursts": (
         "{bursts} bursts of {length_s:.4g} s with pauses between them: each is a window, in place of windows of {window_s:.4g} s"
     ),
-    "recording.dates": "dates such as {written!r} counted in seconds from {first}",
+    "recording.dates": "read as dates, the first {written}, and counted in seconds from {first}",
     "recording.clock_times": "clock times such as {written!r} counted in seconds from midnight",
     "recording.ambiguous_dates": (
         "dates such as {first!r} may begin with the day or with the month; state which: --map time_s='NAME [dd/mm/yyyy]' or "

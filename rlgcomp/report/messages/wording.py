@@ -79,6 +79,20 @@ def interval_text(interval: Sequence[float], digits: int = 0) -> str:
     return f"{low.removesuffix(' %')} to {high}"
 
 
+def change_text(improvement: float, interval: Sequence[float] | None = None) -> str:
+    """An error that has become smaller or larger, with the 95 % interval of the change.
+
+    >>> change_text(0.613, (0.513, 0.687)), change_text(-0.95, (-2.47, -0.002)), change_text(-0.95)
+    ('61 % less error (95 % interval 51 to 69 %)', '95 % more error (95 % interval 0 to 247 %)', '95 % more error')
+    """
+    more = improvement < 0.0
+    words = f"{percent_text(abs(improvement))} {'more' if more else 'less'} error"
+    if interval is None:
+        return words
+    low, high = interval
+    return f"{words} (95 % interval {interval_text((-high, -low) if more else (low, high))})"
+
+
 def rms_text(value: float, noise_floor: float) -> str:
     """A root mean square with as many decimals as give the noise floor three digits.
 
