@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
+from rlgcomp.diagnosis.memories import Conduction, Followed, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.relaxations import Distributed
@@ -97,6 +97,20 @@ def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recor
         np.testing.assert_array_equal(one, other)
         fitted = fit.rate_deg_h(run, Grid.of(runs))  # constant after the last whole window
         assert np.std((one - fitted)[:-10]) < 0.05 * np.std(one)
+
+
+def test_a_loop_about_a_curve_is_written_as_the_mechanism_that_has_its_law(runs: list[Recording]) -> None:
+    block = forms_of(runs)["lags"][0].driver
+    curve = Followed(block, 0.3, -0.2, 0.4)
+    fit = fit_with(runs, Form("thermal_hysteresis", "b = k z", (curve,)))
+    written = simulator_of(fit, CATALOGUE)
+    assert not written.left_out
+    (mechanism,) = [one for one in written.simulator.mechanisms if one.name == "thermal_hysteresis"]
+    assert mechanism.law == "coleman_hodgdon"
+    assert mechanism.radius_K == pytest.approx(0.3 * block.half)
+    assert mechanism.curve_centre_degC == pytest.approx(block.centre - 0.2 * block.half)
+    assert mechanism.curve_K == pytest.approx(0.4 * block.half)
+    assert written.error < 0.02
 
 
 def test_a_table_is_straight_beyond_its_knots_and_monotone_between() -> None:

@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.lines import line_of
-from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum
+from rlgcomp.diagnosis.memories import Conduction, Followed, Lag, Plays, Preisach, Relays, Spectrum
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
@@ -351,7 +351,7 @@ def function_of(fit: Fit, k: int) -> Function | None:
         return _of_time(fit, k)
     if isinstance(inner, Lag | Conduction | Distributed | Spectrum):
         return _response(fit, k, inner.driver)
-    if isinstance(inner, Relays | Plays | Preisach):
+    if isinstance(inner, Relays | Plays | Followed | Preisach):
         return _loop(fit, k, inner.driver)
     return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
@@ -13,7 +14,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Shift, Smooth
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.memories import SIDES, Plays, Preisach, Relays, Undecided, one_after_the_other, plane
+from rlgcomp.diagnosis.memories import SIDES, Followed, Plays, Preisach, Relays, Undecided, one_after_the_other, plane
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.terms import Family, Form
 
@@ -96,7 +97,14 @@ def hysteresis(setting: Setting) -> list[Family]:
     kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
     single = [(relay,) for relay in _single_relays(setting)]
     families = hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS)
-    return [*families, Family("b = sum of relays, each with a step of its own", single, kin)]
+    return [*families, Family("b = sum of relays, each with a step of its own", single, kin), _followed(driver, kin)]
+
+
+def _followed(driver: Driver, kin: tuple[Basis, ...]) -> Family:
+    """Differential loops: what a turning point leaves fades with the way. Relays of such a law would differ from run to run."""
+    equation = "b = k z, dz/|dT| = (tanh((T - curve_centre) / curve) - z) / radius"
+    shapes = itertools.product(priors.CURVE_RADII, priors.CURVE_CENTRES, priors.CURVE_WIDTHS)
+    return Family(equation, [(Followed(driver, *one),) for one in shapes], kin)
 
 
 def _begins(setting: Setting) -> tuple[tuple[str, float], ...]:

@@ -15,7 +15,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, lagged
-from rlgcomp.numerics.hysteresis import play_paths
+from rlgcomp.numerics.hysteresis import ColemanHodgdon, play_paths
 from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +31,7 @@ _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
 _SPREAD: Final = 10  # radii of a mean over plays
 _AFTER: Final = ""  # the name of a run after all others
+_CURVES: Final = 2.2  # of radii and widths of a curve that is followed, from one point of their grid to the next
 _LEAST_TURN: Final = 0.02  # of a driver's half range: no relay that matters is narrower
 
 
@@ -238,6 +239,39 @@ class Plays(Basis):
 
     def per_unit(self) -> float:
         return 1.0 / (self.driver.half)
+
+
+@dataclasses.dataclass(frozen=True)
+class Followed(Basis):
+    r"""Coleman and Hodgdon's loop about a curve, as :class:`~rlgcomp.physics.thermal_hysteresis.ThermalHysteresis` has it.
+
+    The law is differential: what a turning point leaves fades with the way that the driver goes, and no relays are such a law.
+    """
+
+    driver: Driver
+    radius: float
+    centre: float
+    width: float
+
+    def columns(self, run: Run) -> Array:
+        values, curve = self.driver.values(run), ColemanHodgdon(self.radius, self.centre, self.width)
+        return self.width * curve.run(curve.init(float(values[0])), values)[0][:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        ratio, move = _CURVES**step, priors.CURVE_CENTRES[1] - priors.CURVE_CENTRES[0]
+        factors, moves = (ratio, 1.0 / ratio), (move * step, -move * step)
+        return (
+            *(dataclasses.replace(self, radius=self.radius * factor) for factor in factors),
+            *(dataclasses.replace(self, centre=self.centre + more) for more in moves),
+            *(dataclasses.replace(self, width=self.width * factor) for factor in factors),
+        )
+
+    def parameters(self) -> dict[str, float]:
+        centre, half = self.driver.centre, self.driver.half
+        return {"radius": half * self.radius, "curve_centre": centre + half * self.centre, "curve_K": half * self.width}
+
+    def per_unit(self) -> float:
+        return 1.0 / self.driver.half
 
 
 @dataclasses.dataclass(frozen=True)

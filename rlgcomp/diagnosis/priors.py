@@ -78,6 +78,10 @@ WIDEST_DEAD_BAND: Final = 0.17
 range apart; one with a narrower one than the first is a mode hop. Between them it may be either: a range is that of the runs."""
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
+CURVE_RADII: Final = (0.06, 0.14, 0.3, 0.7)
+CURVE_CENTRES: Final = (-0.6, -0.3, 0.0, 0.3, 0.6)
+CURVE_WIDTHS: Final = (0.15, 0.35, 0.8)
+"""Of a curve that a hysteresis follows along the way of its driver, over half the range: polished afterwards."""
 PREISACH_LEVELS: Final = 44
 """Levels of the Preisach plane, so 946 relays, each elsewhere in its cell: at strength 30 their steps are lost in the noise."""
 LAW_LEVELS: Final = 22

@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.lateness import Late
-from rlgcomp.diagnosis.memories import Conduction, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
+from rlgcomp.diagnosis.memories import Conduction, Followed, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
 from rlgcomp.diagnosis.relaxations import Distributed
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Following, Since, SmoothSince, Wave
@@ -34,7 +34,7 @@ from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
-_SAME: Final = 0.05  # of the white noise of a window mean: a mechanism that is off by less expresses a term
+_SAME: Final = 0.05  # of the white noise of a window mean, or of a term that no table holds: a mechanism off by less expresses it
 _PRECISE: Final = 0.003  # of the same: error of a table between its knots
 _KNOTS: Final = 27
 _MOST_KNOTS: Final = 600
@@ -221,6 +221,7 @@ class _Written:
             return None
         values = {key: one.value for key, one in estimates.items()}
         wanted = self.fit.bank.columns(basis) @ weights
+        scale = max(self.fit.white, float(np.std(wanted))) if isinstance(basis, Followed) else self.fit.white
         best: tuple[float, Mechanism, float] | None = None
         for point in _settings(self.catalogue[name]):
             mechanism = _checked(point, values)
@@ -228,7 +229,7 @@ class _Written:
                 continue
             off = wanted - self._means(mechanism)
             size = float(np.std(off))
-            if size < _SAME * self.fit.white and (best is None or size < best[0]):
+            if size < _SAME * scale and (best is None or size < best[0]):
                 best = size, mechanism, float(np.mean(off))
         return None if best is None else best[1:]
 
