@@ -15,7 +15,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors
-from rlgcomp.diagnosis.evidence import Conditional, Evidence, Member, Set
+from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.pairs import likeliest_pairs
@@ -94,17 +94,23 @@ class Search(States):
         self._exchange_pairs()
 
     def _selected(self, state: State) -> State:
-        """A state with its last member in some of the runs, or with an amplitude a run, where that is likelier."""
+        """A state with its last member in some of the runs, or with an amplitude a run, where that is likelier.
+
+        A loud noise stands in for an effect that acts in some of the runs, and hides in which: white noise is tried as well.
+        """
         (*others, last), runs = state.members, [run.name for run in self.bank.data.runs]
         region = self.regions[last.form.region]
         if region.nuisance or len(runs) < 2:
             return state
-        given = self.given(state.noise, tuple(others))
-        forms = dict.fromkeys((last.form, *self.of_equations(region, given, state.noise)))
-        value, found = self.best(given, last.form)[0], self.likeliest(given, [one for f in forms for one in selections(f, runs)])
-        if found is None or found[0] <= value + WORTH_MORE:
-            return state
-        return dataclasses.replace(state, members=(*others, found[1]), log_point=state.log_point + found[0] - value)
+        best, offset = state, self.log_prior(tuple(others)) + region.log_odds + LOG_SIZE
+        for noise in dict.fromkeys((state.noise, self.calmest(state.noise.errors))):
+            given = self.given(noise, tuple(others))
+            forms = dict.fromkeys((last.form, *self.of_equations(region, given, noise)))
+            found = self.likeliest(given, [one for form in forms for one in selections(form, runs)])
+            point = -math.inf if found is None else found[0] + offset + self.log_prior_of(noise)
+            if found is not None and point > best.log_point + (WORTH_MORE if best is state else 0.0):
+                best = dataclasses.replace(state, members=(*others, found[1]), noise=noise, log_point=point)
+        return best
 
     def _pairs(self, state: State) -> list[State]:
         """A state with the likeliest pairs of further regions that no step over one of them has led to; under little noise."""
