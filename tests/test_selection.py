@@ -14,6 +14,7 @@ from sklearn.model_selection import GridSearchCV, GroupKFold
 
 import rlgcomp as rlg
 from rlgcomp.compensation.models import MODELS
+from rlgcomp.compensation.models.lssvm_search import batches, beyond
 from rlgcomp.compensation.selection import select
 
 
@@ -115,13 +116,18 @@ def test_the_grid_goes_on_beyond_the_edge_at_which_the_best_candidate_lies(
     within = choose(data)
     assert within.table["c"].max() <= 1e8
     assert not within.at_limits
-    exact = (X, X[:, 0] ** 3 - X[:, 0] * X[:, 1], groups)  # without noise every larger c is better
-    beyond = choose(exact)
-    assert beyond.best["c"] == pytest.approx(1e10)
-    assert beyond.rmse < 0.9 * beyond.table[beyond.table["c"] <= 1e8]["rmse"].min()
-    assert beyond.table["sigma"].is_monotonic_decreasing  # the smoothest first
-    assert beyond.at_limits == {"c": beyond.best["c"]}
-    assert [one.code for one in beyond.remarks(1.0, "runs")] == ["compensation.at_limits"]
+    edge = choose((X, X[:, 0] ** 3 - X[:, 0] * X[:, 1], groups))  # without noise every larger c is better
+    assert edge.best["c"] == pytest.approx(1e8)
+    assert edge.at_limits == {"c": edge.best["c"]}
+    assert [one.code for one in edge.remarks(1.0, "runs")] == ["compensation.at_limits"]
+    model, grid = rlg.LSSVMRegressor(), batches(1)
+    widest, narrowest = grid[0][0]["sigma"], grid[-1][0]["sigma"]
+    wider = beyond(model, 1, grid, {"sigma": widest, "c": 10.0})
+    assert [batch[0]["sigma"] for batch in wider] == [2.0 * widest, *(batch[0]["sigma"] for batch in grid)]
+    narrower = beyond(model, 1, grid, {"sigma": narrowest, "c": 0.1})
+    assert narrower[-1][0]["sigma"] == 0.5 * narrowest
+    assert [one["c"] for one in narrower[-2][:3]] == pytest.approx([0.001, 0.01, 0.1])
+    assert beyond(model, 1, grid, {"sigma": grid[3][0]["sigma"], "c": 10.0}) == grid
 
 
 def test_public_name() -> None:

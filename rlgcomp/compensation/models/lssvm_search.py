@@ -19,7 +19,7 @@ from rlgcomp.compensation.models.specification import Candidates, between_and_wi
 
 Array = npt.NDArray[np.float64]
 WITHOUT_KERNEL: Final = 1e-9  # c of which the kernel's part is nothing
-LIMITS: Final = {"sigma": (2.0**-4, 2.0**8), "c": (1e-3, 1e10)}  # sigma in sqrt(features); beyond them rounding decides
+LIMITS: Final = {"sigma": (2.0**-4, 2.0**8), "c": (1e-3, 1e8)}  # sigma in sqrt(features); beyond this c sums of alpha K lose 1e-9
 _FURTHER_C: Final = (10.0, 100.0)  # at once, since candidates of one width share a decomposition
 MANY_ROWS: Final = 1500  # beyond which candidates are compared on this number of centres:
 CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel to rounding
