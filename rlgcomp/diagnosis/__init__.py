@@ -35,6 +35,7 @@ Rooms, each importing only from those before it:
     search      a beam over sets
     posterior   probabilities of sets and regions
     fit         weights, predictions
+    time_laws   parameters of a law of time in its own equation
     mismatch    whether anything is missing, and where
     decide      what is stated: every threshold
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term

@@ -24,6 +24,7 @@ from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.switches import Switch, switches_of
 from rlgcomp.diagnosis.symmetries import Sign
+from rlgcomp.diagnosis.time_laws import time_law_of
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
@@ -241,7 +242,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     mechanism = common["mechanism"]
     estimates = fit.parameters(k, mechanism) if mechanism is not None else _of_law(fit, k, unit)
     own_form = mechanism is not None and not estimates
-    estimates = estimates or line_of(fit, k)
+    estimates = estimates or line_of(fit, k) or time_law_of(fit, k)
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
     contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
     return Cause(

@@ -52,7 +52,13 @@ class Since(Basis):
     def parameters(self) -> dict[str, float]:
         if self.law == "power":
             return {} if self.value == 1.0 else {"exponent": self.value}
-        return {"time_constant_s": self.value}
+        own = {"q": self.exponent} if self.law == "hyperbola" or self.exponent != 1.0 else {}
+        return {"time_constant_s": self.value, **own}
+
+    @property
+    def of_mechanism(self) -> bool:
+        """Of the laws, the exponential and the straight line are equations of the catalogue."""
+        return self.value == 1.0 if self.law == "power" else self.law == "exponential" and self.exponent == 1.0
 
     def per_unit(self) -> float:
         return SECONDS_PER_DAY / self.unit_s if self.law == "power" and self.value == 1.0 else 1.0
