@@ -15,7 +15,6 @@ from rlgcomp.noise.processes import NoiseModel
 
 _NODES: Final = {-math.sqrt(3.0): 1.0 / 6.0, 0.0: 2.0 / 3.0, math.sqrt(3.0): 1.0 / 6.0}  # of a normal variable
 _STEEP_WALK: Final = 3.0  # beside which flicker hardly matters
-_TIMES: Final = {False: priors.WANDER_TIMES, True: priors.SMOOTH_WANDER_TIMES}  # of a rough wander, and of a smooth one
 _USUAL_WANDER: Final = 1.5  # from which the size of a wander is climbed
 
 
@@ -62,10 +61,9 @@ class Hypotheses:
         total = sum(found.values()) / (1.0 - priors.WANDER_ODDS)
         usual = max(found, key=lambda noise: found[noise]) if self.stated else Noise()
         found = {noise: share / total for noise, share in found.items()}
-        for smooth, times in _TIMES.items():
-            odds = priors.WANDER_ODDS * (priors.SMOOTH_WANDER if smooth else 1.0 - priors.SMOOTH_WANDER) / len(times)
-            for (size, share), time in itertools.product(self.wanders.items(), times):
-                found[dataclasses.replace(usual, wander=size, wander_time=time, smooth=smooth)] = odds * share
+        for (size, share), time in itertools.product(self.wanders.items(), priors.WANDER_TIMES):
+            wandering = dataclasses.replace(usual, wander=size, wander_time=time)
+            found[wandering] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
         return {
             dataclasses.replace(noise, encoder=size): math.log(share * part)
             for (noise, share), (size, part) in itertools.product(found.items(), self.encoders.items())
@@ -87,15 +85,13 @@ class Hypotheses:
     def wander_starts(self) -> tuple[Noise, ...]:
         """The same with a wander."""
         listed = [noise for noise in self.log_prior() if noise.wander == _USUAL_WANDER]
-        rough = [noise for noise in listed if not noise.smooth]
-        smooth = [noise for noise in listed if noise.smooth and noise.encoder == self.calmest.encoder]
-        return (*rough[1::2], *smooth[2::3])
+        return tuple(listed[1::2])
 
     def neighbours(self, noise: Noise) -> tuple[Noise, ...]:
         """Hypotheses next to one on the grid."""
         axes: tuple[tuple[str, tuple[float, ...]], ...] = (("flicker", tuple(self.flickers)), ("walk", tuple(self.walks)))
         if noise.wander:
-            axes = (("wander", tuple(self.wanders)), ("wander_time", _TIMES[noise.smooth]))
+            axes = (("wander", tuple(self.wanders)), ("wander_time", priors.WANDER_TIMES))
         axes = (*axes, ("encoder", tuple(self.encoders)))
         found = []
         for name, values in axes:
@@ -104,8 +100,6 @@ class Hypotheses:
                 if 0 <= k < len(values):
                     moved: dict[str, Any] = {name: values[k]}
                     found.append(dataclasses.replace(noise, **moved))
-        if noise.wander and noise.wander_time in _TIMES[not noise.smooth]:
-            found.append(dataclasses.replace(noise, smooth=not noise.smooth))
         return tuple(found)
 
 

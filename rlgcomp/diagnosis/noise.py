@@ -1,12 +1,10 @@
 r"""Hypotheses of the noise of window means, relative to their white part, and the whitening of columns under each.
 
-.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 c(|t - t'| / \tau) + E
+.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 e^{-|t - t'| / \tau} + E
 
 with F a sum of relaxations whose spectra add up to 1/f (A. van der Ziel, Physica 16, 359 (1950)), each averaged over windows
-exactly, T the length of the longest run, c the correlation of a wander, and E the errors of drivers
-(:mod:`rlgcomp.diagnosis.errors`). A rough wander is a relaxation, c(s) = exp(-s); a smooth one has the Matérn correlation of order
-5/2, twice differentiable (M. L. Stein, Interpolation of Spatial Data, Springer, 1999). Runs are independent. Windows are few, so
-each run has a Cholesky factor.
+exactly, T the length of the longest run, and E the errors of drivers (:mod:`rlgcomp.diagnosis.errors`). Runs are
+independent. Windows are few, so each run has a Cholesky factor.
 """
 
 from __future__ import annotations
@@ -25,7 +23,6 @@ from rlgcomp.diagnosis.errors import Errors
 Array = npt.NDArray[np.float64]
 _RATIO: Final = 5.0  # between the time constants of the relaxations
 _RELAXATIONS: Final = 6
-_POINTS: Final = 4  # of a window, of whose means a smooth wander's covariance is computed
 _MANY: Final = 32  # columns, from which on a product leaves out the zeros of a triangle
 
 
@@ -43,8 +40,6 @@ class Noise:
         Standard deviation of what wanders unrecorded.
     wander_time : float
         Its correlation time over the length of the longest run.
-    smooth : bool
-        The wander is smooth, not rough.
     encoder : float
         Noise of one reading of a table's angle, per sample, over the white noise of a sample.
     errors : Errors, optional
@@ -55,7 +50,6 @@ class Noise:
     walk: float = 0.0
     wander: float = 0.0
     wander_time: float = 0.1
-    smooth: bool = False
     encoder: float = 0.0
     errors: Errors | None = None
 
@@ -107,8 +101,7 @@ class Noise:
             for k in range(_RELAXATIONS):
                 by_lag += each * relaxation(len(by_lag), _RATIO**k)
         if self.wander:
-            correlation = matern if self.smooth else relaxation
-            by_lag += self.wander**2 * correlation(len(by_lag), self.wander_time * length)
+            by_lag += self.wander**2 * relaxation(len(by_lag), self.wander_time * length)
         total = by_lag[apart] + np.diag(white)
         if self.walk:
             middles = places + 0.5
@@ -122,13 +115,6 @@ def relaxation(lags: int, windows: float) -> Array:
     found = decay**2 * np.exp(-(np.arange(lags) - 1.0) / windows)
     found[0] = 2.0 * windows * (1.0 - decay)
     return np.asarray(found)
-
-
-def matern(lags: int, windows: float) -> Array:
-    """The same of a process with the Matérn correlation of order 5/2 and that length, by points of windows."""
-    places = np.arange(_POINTS) / _POINTS
-    apart = np.abs(np.arange(lags)[:, None] + np.subtract.outer(places, places).ravel()) * math.sqrt(5.0) / windows
-    return np.asarray(np.mean((1.0 + apart + apart**2 / 3.0) * np.exp(-apart), axis=1))
 
 
 class Whitened:

@@ -37,8 +37,6 @@ CLOCK_OFFSET: Final = 0.1
 """Largest offset of such a clock over the length of the shortest run: a simulation that is off by more covers another run."""
 WANDER_ODDS: Final = 0.05
 """Odds that something unrecorded wanders: more usual than any one mechanism, as laboratories record half of what these follow."""
-SMOOTH_WANDER: Final = 0.5
-"""Share of it that is smooth: air and pressure stir a gyro roughly, what has a heat capacity or a regulator before it smoothly."""
 
 # --- sizes ---------------------------------------------------------------------------------------------------------------------
 
@@ -119,6 +117,4 @@ OUTLIER_ODDS: Final = 1e-3
 OUTLIER_SIZE: Final = 8.0
 """Its standard deviation over the white noise: from five on one is seen, beyond thirty it is repaired or a saturation."""
 WANDER_TIMES: Final = (0.01, 0.03, 0.1, 0.3)
-"""Correlation time of a rough wander over the length of a run."""
-SMOOTH_WANDER_TIMES: Final = (0.006, 0.01, 0.017, 0.03, 0.055, 0.1, 0.17, 0.3)
-"""Of a smooth one: its spectrum falls so steeply that the data tell its time the better."""
+"""Correlation time of a wander over the length of a run."""
