@@ -7,12 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.ndimage import gaussian_filter1d
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.noise import matern
 from tests.few_monitors import few_monitors
 
 Array = npt.NDArray[np.float64]
@@ -72,21 +70,3 @@ def test_the_amplitude_of_a_line_may_follow_a_column() -> None:
     assert diagnosis.test is not None
     assert diagnosis.test.augmented_rms < 1.3 * diagnosis.test.noise_floor_rms
     assert diagnosis.file_rms == pytest.approx(diagnosis.test.augmented_rms, rel=0.1)
-
-
-def test_a_smooth_stray_is_no_line() -> None:
-    def stray(run: rlg.Recording, k: int) -> Array:
-        smooth = gaussian_filter1d(np.random.default_rng(k).standard_normal(len(run)), 60.0)
-        return np.asarray(0.02 * smooth / np.std(smooth))
-
-    diagnosis = diagnosed(stray)
-    assert diagnosis.verdict == "unknown"
-    assert not diagnosis.members
-
-
-def test_a_smooth_wander_is_averaged_over_windows() -> None:
-    fine, length = 50, 3.0
-    apart = np.abs(np.subtract.outer(np.arange(4 * fine), np.arange(4 * fine))) / fine * np.sqrt(5.0) / length
-    each = (1.0 + apart + apart**2 / 3.0) * np.exp(-apart)
-    expected = each.reshape(4, fine, 4, fine).mean(axis=(1, 3))[0]
-    assert matern(4, length) == pytest.approx(expected, rel=5e-3)
