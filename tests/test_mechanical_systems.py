@@ -43,8 +43,9 @@ def test_a_pendulum_lacks_a_law_of_the_angle(pendulum: Diagnosis) -> None:
     assert law.memory == "static"
     assert law.equation == "b = odd function of angle_rad"
     assert pendulum.test is not None
-    assert pendulum.test.augmented_rms < 1.2 * pendulum.test.noise_floor_rms
-    assert pendulum.test.improvement > 0.68  # 0.74 would leave the noise alone
+    unexplained = np.hypot(pendulum.test.noise_floor_rms, pendulum.slow_error_rms)
+    assert pendulum.test.augmented_rms < 1.2 * unexplained
+    assert pendulum.test.improvement > 0.68  # 0.74 would leave the noise and the slow error alone
 
 
 def test_its_rate_is_told_as_a_reading_of_the_output(pendulum: Diagnosis) -> None:
