@@ -17,10 +17,10 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Conduction, Followed, Lag, Plays, Preisach, Relays, Spectrum
+from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
-from rlgcomp.diagnosis.relaxations import Distributed
+from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.simulator_file import simulator_of
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form

@@ -15,11 +15,11 @@ from rlgcomp.diagnosis.bases import Basis, Power, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Lag, Relays
+from rlgcomp.diagnosis.memories import Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.regions import named
-from rlgcomp.diagnosis.relaxations import Distributed
+from rlgcomp.diagnosis.relaxations import Distributed, Lag
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.states import State, States
 from rlgcomp.diagnosis.telegraph import Telegraph

@@ -9,7 +9,9 @@ Rooms, each importing only from those before it:
     hashed      hashes of frozen objects, kept
     drivers     what acts: recorded columns, differences, time since switch-on
     bases       forms of drivers as columns with Gaussian weights
-    memories    bases with a memory: lags, plays, relays
+    nonlinearities  saturations, dead zones, powers
+    relaxations  lags of one time constant or many
+    memories    plays, relays and densities of them, and what was before a run
     times       bases of the time in a run: laws of switch-on, waves
     terms       forms and regions: a mechanism is the name of a region
     setting     what builders of regions read
@@ -18,12 +20,13 @@ Rooms, each importing only from those before it:
     baseline    the simulator, linearised in its free numbers
     turning     rows and regions where a table turns
     selections  terms in some of the runs, amplitudes by run
-    lateness    thermometers that are late
+    lateness    columns that are late
     clocks      the clock of a user's simulation
     nuisances   steps of the bias, biases of runs, late columns, stated numbers that are wrong
     errors      errors of drivers, which join the noise
     noise       hypotheses of the noise, whitening
     identities  columns that are readings of the output, and so no cause
+    recent      what was last asked for, kept
     bank        window means of bases, computed once
     evidence    the evidence of a set of forms in closed form
     screen      the evidence of many forms at once
@@ -35,6 +38,7 @@ Rooms, each importing only from those before it:
     search      a beam over sets
     posterior   probabilities of sets and regions
     fit         weights, predictions
+    lines       frequency and width of a line that is not its mechanism's own
     time_laws   parameters of a law of time in its own equation
     mismatch    whether anything is missing, and where
     decide      what is stated: every threshold

@@ -201,7 +201,7 @@ class _Engine:
             present = [mechanism.name for mechanism in simulator.mechanisms]
             baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
             regions = list(named(setting, self.candidates, present))
-            regions += [*laws(setting, regions)]
+            regions += list(laws(setting, regions))
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
         return bank, without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data)), baseline

@@ -17,9 +17,9 @@ from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.lines import line_of
-from rlgcomp.diagnosis.memories import Conduction, Followed, Lag, Plays, Preisach, Relays, Spectrum
+from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.relaxations import Distributed
+from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.switches import Switch, switches_of

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.drivers import Driver, lagged
+from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.numerics.hysteresis import ColemanHodgdon, play_paths
 from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
 
@@ -33,82 +33,6 @@ _SPREAD: Final = 10  # radii of a mean over plays
 _AFTER: Final = ""  # the name of a run after all others
 _CURVES: Final = 2.2  # of radii and widths of a curve that is followed, from one point of their grid to the next
 _LEAST_TURN: Final = 0.02  # of a driver's half range: no relay that matters is narrower
-
-
-@dataclasses.dataclass(frozen=True)
-class Lag(Basis):
-    """What a first-order lag is behind its driver."""
-
-    driver: Driver
-    time_constant_s: float
-    ratio: float  # of the grid
-    behind: bool = True  # less the driver itself
-
-    def columns(self, run: Run) -> Array:
-        values = self.driver.values(run)
-        late = lagged(values, run.grid.bin_s, self.time_constant_s)
-        return (late - values if self.behind else late)[:, None]
-
-    def nearby(self, step: float) -> tuple[Self, ...]:
-        factors = self.ratio**step, self.ratio**-step
-        return tuple(dataclasses.replace(self, time_constant_s=self.time_constant_s * f) for f in factors)
-
-    def parameters(self) -> dict[str, float]:
-        return {"time_constant_s": self.time_constant_s}
-
-    def per_unit(self) -> float:
-        return 1.0 / (self.driver.half)
-
-
-@dataclasses.dataclass(frozen=True)
-class Conduction(Basis):
-    r"""What a slab is behind its heated front: lags :math:`\tau / (2 n + 1)^2` with weights of its mean or of its back.
-
-    H. S. Carslaw, J. C. Jaeger, Conduction of Heat in Solids, 2nd ed., 1959, section 3.4.
-    """
-
-    driver: Driver
-    slowest_s: float
-    back: bool
-    ratio: float
-
-    def columns(self, run: Run) -> Array:
-        values, (times, weights) = self.driver.values(run), self.mixture()
-        late = [lagged(values, run.grid.bin_s, float(time)) for time in times]
-        return np.column_stack(late) @ weights - values[:, None]
-
-    def mixture(self) -> tuple[Array, Array]:
-        """Time constants, shape (k,), and weights of their lags, shape (k, 1)."""
-        odd = 2.0 * np.arange(5) + 1.0
-        weights = 4.0 / math.pi * (-1.0) ** np.arange(5) / odd if self.back else 8.0 / math.pi**2 / odd**2
-        return np.asarray(self.slowest_s / odd**2), (weights / weights.sum())[:, None]
-
-    def nearby(self, step: float) -> tuple[Self, ...]:
-        return tuple(dataclasses.replace(self, slowest_s=self.slowest_s * f) for f in (self.ratio**step, self.ratio**-step))
-
-    def parameters(self) -> dict[str, float]:
-        return {"time_constant_s": self.slowest_s}
-
-    def per_unit(self) -> float:
-        return 1.0 / (self.driver.half)
-
-
-@dataclasses.dataclass(frozen=True)
-class Spectrum(Basis):
-    """A continuous spectrum of lags, its density a Gaussian process of the logarithm of the time constant."""
-
-    driver: Driver
-    time_constants_s: tuple[float, ...]
-    width: float = 1.0  # correlation length in e-folds
-
-    def columns(self, run: Run) -> Array:
-        values = self.driver.values(run)
-        late = np.column_stack([lagged(values, run.grid.bin_s, tau) - values for tau in self.time_constants_s])
-        return np.asarray(late @ self.mixture()[1])
-
-    def mixture(self) -> tuple[Array, Array]:
-        """Time constants, shape (k,), and weights of their lags, shape (k, columns)."""
-        return np.array(self.time_constants_s, dtype=np.float64), kernel_root(kernel(np.log(self.time_constants_s) / self.width))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -19,9 +19,8 @@ from rlgcomp.diagnosis.bases import Basis, EachRun, Magnitude, Own, Power, Produ
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, with_relays
-from rlgcomp.diagnosis.memories import Conduction, Lag, Spectrum
 from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
-from rlgcomp.diagnosis.relaxations import SPREADS, Distributed
+from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of

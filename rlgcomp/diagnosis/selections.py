@@ -51,6 +51,11 @@ class OnlyIn(Basis):
         return self.basis.of_mechanism
 
 
+def in_all_runs(basis: Basis) -> Basis:
+    """A basis without its selection of runs."""
+    return basis.basis if isinstance(basis, OnlyIn) else basis
+
+
 def selections(form: Form, runs: Sequence[str]) -> list[Form]:
     """A form in each subset of the runs, with an amplitude a run, and with amplitudes that differ a little from run to run.
 

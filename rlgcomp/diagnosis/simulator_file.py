@@ -20,8 +20,8 @@ from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.lateness import Late
-from rlgcomp.diagnosis.memories import Conduction, Followed, Lag, Plays, Preisach, Relays, Spectrum, dense, sides
-from rlgcomp.diagnosis.relaxations import Distributed
+from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays, dense, sides
+from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Following, Since, SmoothSince, Wave
 from rlgcomp.diagnosis.turning import TimesRate

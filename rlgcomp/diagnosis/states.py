@@ -354,7 +354,7 @@ class States(Members):
         return (*members[:k], best[1], *members[k + 1 :])
 
     def _narrow(self, form: Form) -> bool:
-        return sum(self.bank.reduced(basis).shape[1] for basis in form.lead) <= _NARROW
+        return sum(self.bank.width(basis) for basis in form.lead) <= _NARROW
 
     def _grown_without_thresholds(
         self, region: Region, starts: list[tuple[float, Member]], others: Set, noise: Noise
@@ -366,5 +366,5 @@ class States(Members):
             more = next(iter(region.grow(start[1].form)), None)
             if more is not None and not self.switches(more):
                 member = self.grown_from(start, region.grow, others, noise)
-                return [self.best(self.evidence(noise).given(others), member.form)]
+                return [self.best(self.given(noise, others), member.form)]
         return []

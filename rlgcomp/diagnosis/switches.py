@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.memories import Relays
-from rlgcomp.diagnosis.selections import OnlyIn
+from rlgcomp.diagnosis.selections import in_all_runs
 from rlgcomp.report.messages.wording import estimate_text
 from rlgcomp.units import display_unit
 
@@ -53,7 +53,7 @@ class Switch:
 def switches_of(fit: Fit, k: int, unit: str) -> tuple[Switch, ...]:
     """Switches of the k-th member in the order of their thresholds; none where it is no sum of a few relays."""
     member, bases = fit.parts[k]
-    leading = [(basis.basis if isinstance(basis, OnlyIn) else basis, scale) for basis, scale in bases[: len(member.form.lead)]]
+    leading = [(in_all_runs(basis), scale) for basis, scale in bases[: len(member.form.lead)]]
     relays = [(basis, scale) for basis, scale in leading if isinstance(basis, Relays)]
     if not relays or len(relays) < len(leading) or sum(len(basis.up) for basis, _ in relays) > _MOST:
         return ()

@@ -171,11 +171,8 @@ class _Problem:
         columns = np.hstack([design, table]) / root[:, None]
         information = columns.T @ columns
         information[range(flat, len(information)), range(flat, len(information))] += 1.0
-        solve, log_det = (
-            np.asarray(np.linalg.solve(information, columns.T), dtype=np.float64),
-            float(np.linalg.slogdet(information)[1]),
-        )
-        return cls(data, data.output / root, columns, flat, root, solve, log_det)
+        solve = np.asarray(np.linalg.solve(information, columns.T), dtype=np.float64)
+        return cls(data, data.output / root, columns, flat, root, solve, float(np.linalg.slogdet(information)[1]))
 
     def over_dwells(self, starts: Sequence[Array | Telegraph]) -> Telegraph:
         """The likeliest process, its evidence summed over mean dwell times and ratios of the two dwells."""

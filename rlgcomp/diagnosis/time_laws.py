@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.fit import Estimate, Fit
-from rlgcomp.diagnosis.selections import OnlyIn
+from rlgcomp.diagnosis.selections import in_all_runs
 from rlgcomp.diagnosis.times import Since
 from rlgcomp.units import SECONDS_PER_DAY
 
@@ -25,7 +24,7 @@ def time_law_of(fit: Fit, k: int) -> dict[str, Estimate]:
     first day. Its standard deviation holds those of the shapes.
     """
     bases, form = fit.parts[k][1], fit.state.members[k].form
-    law = _plain(bases[0][0]) if bases else None
+    law = in_all_runs(bases[0][0]) if bases else None
     if len(form.lead) != 1 or not isinstance(law, Since) or law.of_mechanism:
         return {}
     (lead,), at = form.lead, fit.inside(k).start
@@ -48,10 +47,6 @@ def time_law_of(fit: Fit, k: int) -> dict[str, Estimate]:
     else:
         to_day, name, unit = 1.0, "k" if law.law == "logarithm" else "initial", "deg/h"
     return {name: Estimate(size * to_day, math.sqrt(variance) * to_day, unit), **shapes}
-
-
-def _plain(basis: Basis) -> Basis:
-    return basis.basis if isinstance(basis, OnlyIn) else basis
 
 
 def _nearest(table: Array, column: Array) -> float:

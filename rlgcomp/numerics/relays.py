@@ -133,21 +133,22 @@ def turning_points(values: Array, least: float) -> tuple[float, ...]:
     return tuple(found)
 
 
+def _change(on: float, value: float, up: float, down: float) -> tuple[float, float]:
+    """By how much a relay's state changes at a value, and the threshold that it passes there."""
+    if on < 1.0 and value >= up:
+        return 1.0 - on, up
+    if on > 0.0 and value <= down:
+        return -on, down
+    return 0.0, 0.0
+
+
 @compiled()
 def _fill(values: Array, up: Array, down: Array, first: Array, states: Array) -> None:
     for j in range(len(up)):
-        on = first[j]
-        if values[0] >= up[j]:
-            on = 1.0
-        elif values[0] <= down[j]:
-            on = 0.0
+        on = first[j] + _change(first[j], values[0], up[j], down[j])[0]
         states[0, j] = on
         for k in range(1, len(values)):
-            change, level = 0.0, 0.0
-            if on < 1.0 and values[k] >= up[j]:
-                change, level = 1.0 - on, up[j]
-            elif on > 0.0 and values[k] <= down[j]:
-                change, level = -on, down[j]
+            change, level = _change(on, values[k], up[j], down[j])
             on += change
             states[k, j] = on
             if change != 0.0 and values[k] != values[k - 1]:
@@ -162,18 +163,10 @@ def _switches(values: Array, up: Array, down: Array, first: Array, rows: IntArra
     """Number of changes; they are filled in where there is room for them."""
     count, n, room = 0, len(values), len(rows)
     for j in range(len(up)):
-        on = first[j]
-        if values[0] >= up[j]:
-            on = 1.0
-        elif values[0] <= down[j]:
-            on = 0.0
+        on = first[j] + _change(first[j], values[0], up[j], down[j])[0]
         count = _noted(count, room, 0, j, on, rows, relays, changes)
         for k in range(1, n):
-            change, level = 0.0, 0.0
-            if on < 1.0 and values[k] >= up[j]:
-                change, level = 1.0 - on, up[j]
-            elif on > 0.0 and values[k] <= down[j]:
-                change, level = -on, down[j]
+            change, level = _change(on, values[k], up[j], down[j])
             if change == 0.0:
                 continue
             on += change
