@@ -39,7 +39,7 @@ def runs() -> list[rlg.Recording]:
 @pytest.fixture(scope="module")
 def foreseen(runs: list[rlg.Recording]) -> rlg.Recording:
     programme = Programme.parse("start 10, hold 30, ramp 40 1, hold 60, ramp -10 0.7, hold 60, ramp 30 0.5, hold 600")
-    return Laboratory.of(runs).foreseen(programme, ThermalPlant(), 20.0)
+    return Laboratory.of(runs).run_of(programme, ThermalPlant(), 20.0)
 
 
 def test_the_shell_leads_whatever_the_order_of_columns(runs: list[rlg.Recording]) -> None:
@@ -65,7 +65,7 @@ def test_one_thermometer_is_its_own_lead(runs: list[rlg.Recording]) -> None:
     alone = [run.replace(table=run.table.drop(columns="temperature_shell_degC")) for run in runs]
     found = Laboratory.of(alone)
     assert (found.lead, *found.followers) == ("temperature_block_degC",)
-    assert "temperature_block_degC" in found.foreseen(Programme.parse("short"), ThermalPlant(), 20.0)
+    assert "temperature_block_degC" in found.run_of(Programme.parse("short"), ThermalPlant(), 20.0)
 
 
 def test_runs_without_a_thermometer_in_common_are_refused(runs: list[rlg.Recording]) -> None:
@@ -91,7 +91,7 @@ def test_what_follows_the_clock_or_a_rate_does_so_again(runs: list[rlg.Recording
         return run.replace(table=run.table.assign(**followed))
 
     recorded = [with_pressure(first).averaged(100.0), with_pressure(second).averaged(100.0)]
-    found = Laboratory.of(recorded).foreseen(Programme.parse("paper"), ThermalPlant(), 100.0)
+    found = Laboratory.of(recorded).run_of(Programme.parse("paper"), ThermalPlant(), 100.0)
     np.testing.assert_allclose(found.column("pressure_hPa"), 1010.0 - 4e-4 * found.time_s, atol=0.02)
     alike = (("ageing", "ambient_pressure"), ("temperature_rate", "light_intensity"), ("rate_asymmetry", "supply_voltage"))
     for pair in (*alike, ("ageing", "magnetic_field"), ("temperature_rate", "rate_asymmetry")):
@@ -112,7 +112,7 @@ def test_what_wanders_is_foreseen_no_farther_than_it_ever_went() -> None:
         temperatures = {name: run.column(name) + warming for name in names}
         run = run.replace(table=run.table.assign(**walks, **temperatures))
         programme = Programme.parse("start 20, hold 30, ramp 25 0.05, hold 60, ramp 22 0.05, hold 60")
-        foreseen = Laboratory.of([run]).foreseen(programme, ThermalPlant(), 20.0)
+        foreseen = Laboratory.of([run]).run_of(programme, ThermalPlant(), 20.0)
         beyond += [float(np.ptp(foreseen.column(name)) / np.ptp(walk)) for name, walk in walks.items()]
     assert np.median(beyond) < 1.2
     assert max(beyond) < 2.5
@@ -120,6 +120,6 @@ def test_what_wanders_is_foreseen_no_farther_than_it_ever_went() -> None:
 
 def test_a_monitor_that_never_moves_is_foreseen_to_stay(runs: list[rlg.Recording]) -> None:
     still = [run.replace(table=run.table.assign(supply_voltage_V=15.0, magnetic_field_uT=0.0)) for run in runs]
-    foreseen = Laboratory.of(still).foreseen(Programme.parse("short"), ThermalPlant(), 20.0)
+    foreseen = Laboratory.of(still).run_of(Programme.parse("short"), ThermalPlant(), 20.0)
     assert foreseen.column("supply_voltage_V") == pytest.approx(15.0)
     assert foreseen.column("magnetic_field_uT") == pytest.approx(0.0, abs=1e-12)

@@ -130,5 +130,5 @@ def test_what_a_table_does_not_tell_is_not_foreseen() -> None:
     run = on_table("rate 20 200, rate -20 200, rest 100")
     with pytest.raises(InputError, match="what magnetic_field_uT reads in another run is not known"):
         RateTable.of([run], ["magnetic_field_uT", "table_rate"])
-    foreseen = RateTable.of([run], ["table_rate"]).foreseen(TableProgramme.parse("rate 5 100"))
+    foreseen = RateTable.of([run], ["table_rate"]).run_of(TableProgramme.parse("rate 5 100"))
     assert set(foreseen.columns) == {"time_s", "gyro_deg_h", "table_angle_deg", "table_rate_deg_s", "temperature_block_degC"}

@@ -96,7 +96,7 @@ def page_of(revealed: Revealed, challenge: Path, diagnosis: Path) -> Results:
                 ),
             ),
         ),
-        beside="The answers are in reveal.json beside this page.",
+        footer="The answers are in reveal.json beside this page.",
     )
 
 

@@ -96,8 +96,8 @@ def decided(posterior: Posterior) -> Decision:
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
         without = posterior.without(key) if probability < SURE and len(regions) > 1 else 0.0
-        nothing = without if without > EXCHANGED * own else 0.0
-        named.append(Named(key, region.mechanism, min(probability, 1.0), alike, min(nothing, 1.0)))
+        dispensable = without if without > EXCHANGED * own else 0.0
+        named.append(Named(key, region.mechanism, min(probability, 1.0), alike, min(dispensable, 1.0)))
     if latent == "telegraph":
         named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]

@@ -69,7 +69,7 @@ def next_experiment(
     prior = weights / weights.sum()
     names = _names(posterior, states)
     tried = []
-    for programme, run in foreseen(posterior, fits, states, chamber):
+    for programme, run in possible_runs(posterior, fits, states, chamber):
         squares = distances(fits, run)
         tried.append((float(prior @ expected(prior, squares)), programme.duration_s, squares, programme))
     if not tried:
@@ -83,7 +83,7 @@ def next_experiment(
     return found, promise
 
 
-def foreseen(
+def possible_runs(
     posterior: Posterior, fits: Sequence[Fit], states: Sequence[State], chamber: ChamberRange | None
 ) -> Iterator[tuple[Programme | TableProgramme, Run]]:
     """Programmes that chamber or table can run, with the runs that they would be; parameters as of :func:`next_experiment`."""
@@ -94,13 +94,13 @@ def foreseen(
             read = {column for state in states for key in state.key[0] for column in posterior.regions[key].drivers}
             table, bases = RateTable.of(recorded, read), [basis for fit in fits for _, bases in fit.parts for basis, _ in bases]
             for turning in (one for one in table_programmes(recorded) if one.duration_s <= longest_s):
-                plain = Data((Run.of(table.foreseen(turning), grid, _nothing),))
+                plain = Data((Run.of(table.run_of(turning), grid, _nothing),))
                 yield turning, with_angle_rows(plain, bases, _nothing).runs[0]
             return
         laboratory = Laboratory.of(recorded)
         plant = fits[0].baseline.simulator.monitors.plant
         for programme in (one for one in chamber_programmes(recorded, chamber) if one.duration_s <= longest_s):
-            yield programme, Run.of(laboratory.foreseen(programme, plant, grid.bin_s), grid, _nothing)
+            yield programme, Run.of(laboratory.run_of(programme, plant, grid.bin_s), grid, _nothing)
     except InputError:  # no thermometer that could be commanded, a monitor that a table does not tell
         return
 

@@ -116,7 +116,7 @@ class Laboratory:
                 learnt, own = np.column_stack([learnt, target]), np.column_stack([own, its_own])
         return dataclasses.replace(found, others=others)
 
-    def foreseen(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
+    def run_of(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
         """The monitors in a run of a programme; its gyro reads nothing.
 
         Parameters

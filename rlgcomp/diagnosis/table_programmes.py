@@ -94,7 +94,7 @@ class RateTable:
         )
         return cls(like, table)
 
-    def foreseen(self, programme: TableProgramme) -> Recording:
+    def run_of(self, programme: TableProgramme) -> Recording:
         """The run that a programme would be, its gyro zero."""
         _, recorded = self.table.simulate(programme, self.like.period_s, 0)
         names = {"temperature_block_degC": _thermometer(self.like) or "temperature_block_degC"}

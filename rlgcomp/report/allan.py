@@ -56,7 +56,7 @@ def allan_page(analyses: Sequence[NoiseAnalysis], title: str) -> Results:
         ),
         sections=tuple(_section(one) for one in analyses),
         remarks=tuple(dict.fromkeys(finding for one in analyses for finding in one.findings)),
-        beside="The curve is in allan.csv and the coefficients are in coefficients.json beside this page.",
+        footer="The curve is in allan.csv and the coefficients are in coefficients.json beside this page.",
     )
 
 

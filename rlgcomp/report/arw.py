@@ -209,5 +209,5 @@ def arw_page(result: RotationNoise, shown: Sequence[dict[str, Picture]]) -> Resu
             *(Section(f"{one.run}, {_name(one)}", tuple(of.values())) for one, of in zip(result.gyros, shown, strict=True)),
         ),
         remarks=result.remarks,
-        beside="Numbers are in arw.json and arw.csv, orders and deviations in tables beside this page.",
+        footer="Numbers are in arw.json and arw.csv, orders and deviations in tables beside this page.",
     )

@@ -84,7 +84,7 @@ class Results:
         What is told beside the answer, with what to do next.
     sections : tuple of Section
     remarks : tuple of Message
-    beside : str
+    footer : str
         On the files beside the page.
     badge : str
         The verdict in a word or two.
@@ -99,7 +99,7 @@ class Results:
     facts: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
     remarks: tuple[Message, ...] = ()
-    beside: str = ""
+    footer: str = ""
     badge: str = ""
     words: tuple[str, ...] = ()
 

@@ -104,7 +104,7 @@ def scale_factor_page(calibration: ScaleFactorCalibration, name: str, tables: Ma
             *(Section(title.partition(",")[0], (table, f"{title}.")) for title, table in tables.items()),
         ),
         remarks=tuple(dict.fromkeys(remarks)),
-        beside=f"The numbers are in {name}.json beside this page.",
+        footer=f"The numbers are in {name}.json beside this page.",
     )
 
 

@@ -149,5 +149,5 @@ def sensitivity_page(
         ),
         remarks=tuple(notes[1]),
         words=tuple(CATALOGUE),
-        beside="Trials are in sensitivity.json, shares in shares.csv beside this page.",
+        footer="Trials are in sensitivity.json, shares in shares.csv beside this page.",
     )

@@ -201,7 +201,7 @@ class TridiagonalPath:
         self.recur, self.eliminate = _recur.fast(), _eliminate.fast()
         # C = H'^-1 - W W^T, W of the border and of the runs' biases
         shares = np.sqrt(1.0 / (level + 1.0 / c))
-        self.beside = shares[:, None, None] * own.basis
+        self.W = shares[:, None, None] * own.basis
         Z = np.empty((len(y), 0)) if runs is None else contrasts(runs)
         applied = self._applied(own.without(np.column_stack([y, Z])))
         self.alpha = applied[:, :, 0]
@@ -212,7 +212,7 @@ class TridiagonalPath:
             S = root_of_likeliest_gain(M, g, self.alpha @ y, rows)
             of_biases = applied[:, :, 1:] @ S
             self.alpha = self.alpha - (of_biases @ (S.transpose(0, 2, 1) @ g[:, :, None]))[:, :, 0]
-            self.beside = np.concatenate([self.beside, of_biases], axis=2)
+            self.W = np.concatenate([self.W, of_biases], axis=2)
 
     def _applied(self, columns: Array) -> Array:
         """H'^-1 on columns that are orthogonal to the border, shape (m, n, k)."""
@@ -237,8 +237,8 @@ class TridiagonalPath:
             blocks = z.transpose(0, 2, 1) @ z
             if self.low_rank:
                 blocks = self.c[part, None, None] * (np.eye(len(rows)) - blocks)
-            beside = self.beside[part, rows]
-            blocks -= beside @ beside.transpose(0, 2, 1)
+            W = self.W[part, rows]
+            blocks -= W @ W.transpose(0, 2, 1)
             if len(rows) <= _SMALL_FOLD:
                 self.eliminate(blocks, np.ascontiguousarray(self.alpha[part, rows]), residuals[part])
             else:
