@@ -43,19 +43,21 @@ def runs() -> list[Recording]:
     return [real.simulate(p, seed=k, step_s=10.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
 
 
-def fit_with(runs: list[Recording], *forms: Form) -> Fit:
-    """A fit of an output that follows a temperature's square root, so that all weights of the forms are used."""
-    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["light_intensity"]})
+@pytest.fixture(scope="module")
+def root(runs: list[Recording]) -> Data:
+    """An output that follows a temperature's square root, so that all weights of the forms are used."""
     grid = Grid.of(runs)
-    data = Data(tuple(Run.of(run, grid, lambda binned: np.sqrt(60.0 + binned.column("temperature_block_degC"))) for run in runs))
+    return Data(tuple(Run.of(run, grid, lambda binned: np.sqrt(60.0 + binned.column("temperature_block_degC"))) for run in runs))
+
+
+def fit_with(data: Data, *forms: Form) -> Fit:
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["light_intensity"]})
     baseline = Baseline(simulator).linearised(data)
     bank = Bank(data, baseline.design(data))
     return Fit(data, baseline, bank, State(tuple(Member(form, 30.0) for form in forms), Noise(), 0.0))
 
 
-def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
-    grid = Grid.of(runs)
-    data = Data(tuple(Run.of(run, grid, lambda binned: np.zeros(len(binned))) for run in runs))
+def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
     block = Driver.of(data, "temperature_block_degC")
     gradient = Path(Driver.of(data, "temperature_block_degC", "temperature_shell_degC", combination="difference"))
     contrast = Path(Driver.of(data, "readout_a_V", "readout_b_V", combination="contrast"))
@@ -83,9 +85,9 @@ def forms_of(runs: list[Recording]) -> dict[str, tuple[Any, ...]]:
     "polynomial and smooth", "difference", "contrast", "nonlinearities", "rate", "late", "lags", "plays", "relays", "density",
     "distributed lags", "product", "time", "waves",
 ])  # fmt: skip
-def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], tmp_path: File) -> None:
-    bases = forms_of(runs)[name]
-    fit = fit_with(runs, Form("term", "b = f", bases[:1], bases[1:]))
+def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], root: Data, tmp_path: File) -> None:
+    bases = forms_of(root)[name]
+    fit = fit_with(root, Form("term", "b = f", bases[:1], bases[1:]))
     written = simulator_of(fit, CATALOGUE)
     assert not written.left_out
     assert written.error < 0.02
@@ -99,10 +101,10 @@ def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recor
         assert np.std((one - fitted)[:-10]) < 0.05 * np.std(one)
 
 
-def test_a_loop_about_a_curve_is_written_as_the_mechanism_that_has_its_law(runs: list[Recording]) -> None:
-    block = forms_of(runs)["lags"][0].driver
+def test_a_loop_about_a_curve_is_written_as_the_mechanism_that_has_its_law(root: Data) -> None:
+    block = forms_of(root)["lags"][0].driver
     curve = Followed(block, 0.3, -0.2, 0.4)
-    fit = fit_with(runs, Form("thermal_hysteresis", "b = k z", (curve,)))
+    fit = fit_with(root, Form("thermal_hysteresis", "b = k z", (curve,)))
     written = simulator_of(fit, CATALOGUE)
     assert not written.left_out
     (mechanism,) = [one for one in written.simulator.mechanisms if one.name == "thermal_hysteresis"]

@@ -79,20 +79,21 @@ class Population:
         targets : sequence of ndarray, shape (n_u,)
         """
         p, count = designs[0].shape[1], sum(len(y) for y in targets)
-        squares = [(phi.T @ phi, phi.T @ y, float(y @ y)) for phi, y in zip(designs, targets, strict=True)]
+        grams = np.array([phi.T @ phi for phi in designs])
+        crosses = np.array([phi.T @ y for phi, y in zip(designs, targets, strict=True)])
+        power = sum(float(y @ y) for y in targets)
         all_rows = np.vstack(designs)
         mean, variance = np.zeros(p), float(np.concatenate(targets).var())
         covariance = np.diag(variance / np.maximum((all_rows**2).mean(axis=0), 1e-12) / p)
         for _ in range(_ROUNDS):
-            posteriors = [_posterior(gram, cross, mean, covariance, variance) for gram, cross, _ in squares]
-            mean = np.mean([middle for middle, _ in posteriors], axis=0)
-            total = sum((np.outer(middle - mean, middle - mean) + spread for middle, spread in posteriors), np.zeros((p, p)))
-            own = np.diag(np.maximum(np.diag(total) / len(posteriors), _FLOOR * np.diag(total).max()))
-            covariance = (total + p * own) / (len(posteriors) + p)
-            residual = sum(
-                power - 2.0 * middle @ cross + middle @ gram @ middle + np.sum(gram * spread)
-                for (gram, cross, power), (middle, spread) in zip(squares, posteriors, strict=True)
-            )
+            middles, spreads = _posterior(grams, crosses, mean, covariance, variance)
+            mean = middles.mean(axis=0)
+            about = middles - mean
+            total = about.T @ about + spreads.sum(axis=0)
+            own = np.diag(np.maximum(np.diag(total) / len(grams), _FLOOR * np.diag(total).max()))
+            covariance = (total + p * own) / (len(grams) + p)
+            explained = np.sum(middles * (2.0 * crosses - _times(grams, middles)))
+            residual = power - explained + np.sum(grams * spreads)
             variance = max(float(residual) / count, np.finfo(np.float64).tiny)
         return cls(mean, covariance, float(np.sqrt(variance)))
 
@@ -241,7 +242,12 @@ def _left_out(
 
 
 def _posterior(gram: Array, cross: Array, mean: Array, covariance: Array, variance: float) -> tuple[Array, Array]:
-    """Posterior mean and covariance of a unit's coefficients: by S (I + G S / v)^-1, which needs no inverse of S."""
-    spread = np.linalg.solve(np.eye(len(mean)) + covariance @ gram / variance, covariance)
-    spread = 0.5 * (spread + spread.T)
-    return mean + spread @ (cross - gram @ mean) / variance, spread
+    """Posterior mean and covariance of a unit's coefficients, or of several units', by S (I + G S / v)^-1: no inverse of S."""
+    half: Array = np.asarray(0.5 * np.linalg.solve(np.eye(len(mean)) + covariance @ gram / variance, covariance), dtype=np.float64)
+    spread = half + np.swapaxes(half, -1, -2)
+    return mean + _times(spread, cross - gram @ mean) / variance, spread
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Each matrix times its vector."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])

@@ -37,6 +37,7 @@ from rlgcomp.report.drawing import (
     column_words,
     legend,
     panels,
+    plain_powers,
     power,
     returned,
     time_axis,
@@ -182,6 +183,7 @@ def draw_function(axes: Axes, record: Record, k: int, truth: Truth | None = None
         axes.plot(data[0][order] / unit_s, scale * data[2][order], "--", color=INK, lw=1.3, label="concealed (the truth)")
     if in_time:
         axes.set_xscale("log")
+        plain_powers(axes.xaxis)
         axes.set_xlabel(typeset(f"{table.of} in {label.removeprefix('time in ')}"))
     else:
         axes.set_xlabel(_driver_label(table))

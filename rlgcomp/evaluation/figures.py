@@ -29,6 +29,7 @@ from rlgcomp.report.drawing import (
     legend,
     logarithmic,
     panels,
+    plain_powers,
     power,
     returned,
     time_axis,
@@ -220,6 +221,7 @@ def search(table: pd.DataFrame) -> Picture | None:
         axes.plot(chosen["c"], chosen["rmse"], "o", mfc="none", mec=WARM, ms=11, mew=2.0, label="chosen")
         least = float(table["rmse"].min())
         axes.set(xscale="log", yscale="log")
+        plain_powers(axes.xaxis, axes.yaxis)
         axes.set_ylim(0.9 * least, 1.15 * min(float(np.nanmax(grid.to_numpy()[:, nearest])), _ABOVE_LEAST * least))
         axes.set_xlabel("c, weight of the errors against smoothness")
         axes.set_ylabel("rms error over the gyro's spread")

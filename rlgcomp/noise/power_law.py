@@ -23,6 +23,7 @@ W. J. Riley, *Handbook of Frequency Stability Analysis*, NIST SP 1065 (2008), se
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Final
 
@@ -105,6 +106,7 @@ def _identify_by_b1(blocks: Array, groups: Whole) -> int | None:
     return (-2, -1, 0)[int(np.count_nonzero(float(np.var(values, ddof=1)) / allan < limits))]
 
 
+@functools.lru_cache(maxsize=4096)  # records of one length, as of three gyros, ask for the same
 def degrees_of_freedom(differences: int, m: int, alpha: int, order: int, *, overlapping: bool) -> float:
     """Equivalent degrees of freedom of a variance, after the combined algorithm of Greenhall and Riley.
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.filters import low_pass
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
 from rlgcomp.recording.copies import FEWEST_SAMPLES, copies, noise_steps
 from rlgcomp.recording.relative_delays import delayed_monitors, exchanged_thermometers
@@ -301,7 +302,9 @@ def _lagged_courses(run: Recording, column: str) -> Array:
     """A constant, the means of a thermometer over windows, and the same with lags."""
     means = _window_means(run.column(column))
     window_s = run.period_s * max(1, len(run) // _WINDOWS)
-    lagged = [lfilter([1.0 - a], [1.0, -a], means - means[0]) + means[0] for a in (np.exp(-window_s / lag_s) for lag_s in LAGS_S)]
+    steps = np.full(len(means), window_s)
+    gains = [-math.expm1(-window_s / lag_s) for lag_s in LAGS_S]  # of an exact lag; the low-pass has them at other time constants
+    lagged = [low_pass(0.0, means - means[0], steps, window_s * (1.0 / gain - 1.0))[0] + means[0] for gain in gains]
     return np.column_stack([np.ones(len(means)), means, *lagged])
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from rlgcomp.calibration.mounting import MountingAngle
 from rlgcomp.calibration.rate_dependence import LockInFit, RateTable
 from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
-from rlgcomp.report.drawing import FIT, INK, RAW, RESIDUAL, STYLE, WIDTH_IN, legend
+from rlgcomp.report.drawing import FIT, INK, RAW, RESIDUAL, STYLE, WIDTH_IN, legend, plain_powers
 from rlgcomp.report.messages import Message
 from rlgcomp.report.messages.wording import estimate_text, two_digits
 from rlgcomp.report.page import Picture, Results, Section
@@ -41,6 +41,7 @@ def draw_rates(axes: Axes, rates: RateTable, lock_in: LockInFit | None) -> None:
         axes.plot(at, loss + float(rates.mean_ppm[-1]) - loss[-1], color=FIT, lw=1.5, label="lock-in, fitted")
     axes.axhline(0.0, color=INK, lw=0.8, ls="--", label="reference")
     axes.set_xscale("log")
+    plain_powers(axes.xaxis)
     axes.set_xlabel("rate in deg/s")
     axes.set_ylabel("scale-factor error in ppm")
 
