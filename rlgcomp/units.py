@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -66,9 +66,11 @@ _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
         "deg/min": (SECONDS_PER_MINUTE, 0.0),
         "arcsec/s": (SECONDS_PER_HOUR / ARCSEC_PER_DEG, 0.0),
         "mdeg/s": (SECONDS_PER_HOUR * 1e-3, 0.0),
+        "mdeg/h": (1e-3, 0.0),
         "rad/s": (SECONDS_PER_HOUR / RAD_PER_DEG, 0.0),
         "mrad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-3, 0.0),
         "urad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-6, 0.0),
+        "nrad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-9, 0.0),
         "rad/h": (1.0 / RAD_PER_DEG, 0.0),
     },
     "angle [deg]": {
@@ -77,14 +79,18 @@ _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
         "arcmin": (1.0 / 60.0, 0.0),
         "arcsec": (1.0 / ARCSEC_PER_DEG, 0.0),
         "rev": (360.0, 0.0),
+        "mdeg": (1e-3, 0.0),
+        "mrad": (1e-3 / RAD_PER_DEG, 0.0),
+        "urad": (1e-6 / RAD_PER_DEG, 0.0),
     },
     "temperature [degC]": {
         "degC": (1.0, 0.0),
         "K": (1.0, -273.15),
+        "mK": (1e-3, -273.15),
         "degF": (5.0 / 9.0, -160.0 / 9.0),
     },
-    "voltage [V]": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0)},
-    "current [mA]": {"mA": (1.0, 0.0), "A": (1e3, 0.0), "uA": (1e-3, 0.0)},
+    "voltage [V]": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0), "kV": (1e3, 0.0)},
+    "current [mA]": {"mA": (1.0, 0.0), "A": (1e3, 0.0), "uA": (1e-3, 0.0), "nA": (1e-6, 0.0)},
     "magnetic field [uT]": {
         "uT": (1.0, 0.0),
         "nT": (1e-3, 0.0),
@@ -128,24 +134,45 @@ _SPELLINGS: Final[dict[str, str]] = {
     "dps": "deg/s",
     "rad/sec": "rad/s",
     "µrad/s": "urad/s",
+    "m°/s": "mdeg/s",
+    "m°/h": "mdeg/h",
+    "grad/h": "deg/h",
+    "grad/s": "deg/s",
+    "grad/min": "deg/min",
+    "°/min": "deg/min",
     "″/s": "arcsec/s",
     "sec": "s",
     "secs": "s",
     "second": "s",
     "seconds": "s",
+    "sekunden": "s",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "microseconds": "us",
+    "nanoseconds": "ns",
     "msec": "ms",
     "usec": "us",
     "nsec": "ns",
+    "mins": "min",
     "minute": "min",
     "minutes": "min",
+    "minuten": "min",
     "hr": "h",
     "hour": "h",
+    "hrs": "h",
     "hours": "h",
+    "std": "h",
+    "stunden": "h",
     "day": "d",
     "days": "d",
+    "tage": "d",
     "weeks": "week",
     "µs": "us",
     "°": "deg",
+    "grad": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "radians": "rad",
     "″": "arcsec",
     "°C": "degC",
     "C": "degC",
@@ -154,11 +181,18 @@ _SPELLINGS: Final[dict[str, str]] = {
     "° c": "degC",
     "grad c": "degC",
     "kelvin": "K",
+    "fahrenheit": "degF",
     "°F": "degF",
     "F": "degF",
     "deg f": "degF",
     "volt": "V",
     "volts": "V",
+    "millivolt": "mV",
+    "millivolts": "mV",
+    "ampere": "A",
+    "amperes": "A",
+    "amps": "A",
+    "milliampere": "mA",
     "µV": "uV",
     "µA": "uA",
     "µT": "uT",
@@ -196,6 +230,10 @@ _SPOKEN: Final = re.compile(  # at the end of a column's name
     r"$"
 )
 _LONGEST_UNIT: Final = 40  # letters
+# What stands between a name and its unit where no brackets do. Behind the first it is nothing else (DIN 1313: quantity / unit);
+# behind the others a single letter may as well be a label: anode A, thermometer C.
+_TO_ITS_UNIT: Final = re.compile(r"(?P<certain>\s*/\s*|\s+in\s+|\s*,\s+)|[\s_-]+")
+_LONGEST_ENDING: Final = 8  # letters of what may be a unit that is not known
 _IN_SMALL_LETTERS: Final = {
     small: known[0]
     for small, known in {
@@ -279,7 +317,54 @@ def header_unit(header: str) -> tuple[str, str | None]:
     openings = [place for place in (inside.find("[", earlier), inside.find("(", earlier)) if place >= 0]
     opening = min(openings, default=len(inside))
     unit = inside[opening + 1 :].strip()
-    return (inside[:opening].rstrip(), unit) if unit else (header, None)
+    name = inside[:opening].rstrip().removesuffix("/").rstrip()
+    return (name or inside[:opening].rstrip(), unit) if unit else (header, None)
+
+
+class Ending(NamedTuple):
+    """Unit at the end of a name without brackets.
+
+    Parameters
+    ----------
+    name : str
+        What stands before it.
+    unit : str
+    known : bool
+        It is a unit of the expected kind, and can be nothing else.
+    """
+
+    name: str
+    unit: str
+    known: bool
+
+
+def ending_unit(header: str, expected: str) -> Ending | None:
+    """The unit that a name ends in behind a slash, a comma, a blank, an underscore or `in`; None where it ends in none.
+
+    Parameters
+    ----------
+    header : str
+    expected : str
+        A unit of the kind that is expected: elsewhere T may be a tesla and min a minimum.
+
+    >>> ending_unit("Vcc/mV", "V"), ending_unit("t in min", "s")
+    (Ending(name='Vcc', unit='mV', known=True), Ending(name='t', unit='min', known=True))
+    >>> ending_unit("rate_deg_s", "deg/h"), ending_unit("anode_A", "mA"), ending_unit("T_min", "degC")
+    (Ending(name='rate', unit='deg/s', known=True), Ending(name='anode', unit='A', known=False), None)
+    """
+    kind = _find(expected)[0]
+    between = [found for found in _TO_ITS_UNIT.finditer(header) if found.start() > 0]
+    for found in between:
+        written = header[found.end() :].strip()
+        for unit in (written, re.sub(r"[\s_]+per[\s_]+|_", "/", written)):
+            if unit and is_unit(unit) and _find(unit)[0] == kind:
+                letter = len(unit) == 1 and not found["certain"] and unit.isalpha() and kind != _find("s")[0]
+                return Ending(header[: found.start()], unit, known=not letter)
+    certain = [found for found in between if found["certain"]]
+    written = header[certain[-1].end() :].strip() if certain else ""
+    if written and len(written) <= _LONGEST_ENDING and not re.search(r"[\d_]", written):
+        return Ending(header[: certain[-1].start()], written, known=False)
+    return None
 
 
 def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.float64]:

@@ -468,3 +468,58 @@ def test_a_line_with_too_many_entries_is_named(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text("time_s,gyro_deg_h\n" + "0,1\n1,2\n" + "2,3,4\n")
     with pytest.raises(rlg.InputError, match="line 4 has 3 entries where the lines before it have 2; give every line"):
         rlg.read(tmp_path / "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "factor", "code"),
+    [
+        ("supply_voltage_V", "Vcc/mV", 1e-3, "recording.unit_of_name"),
+        ("supply_voltage_V", "U in mV", 1e-3, "recording.unit_of_name"),
+        ("supply_voltage_V", "Vcc_mV", 1e-3, "recording.unit_of_name"),
+        ("supply_voltage_V", "U / V", 1.0, None),
+        ("supply_voltage_V", "Vcc/mV [V]", 1.0, None),  # the stated one is believed
+        ("supply_voltage_V", "Vcc", 1e-3, "recording.unit_of_name"),
+        ("supply_voltage_V", "U in Vpp", 1.0, "recording.unit_not_understood"),
+        ("discharge_current_a_mA", "anode_A", 1.0, "recording.unit_not_understood"),
+        ("time_s", "t in min", 60.0, "recording.unit_of_name"),
+        ("time_s", "Time_ms", 1e-3, "recording.unit_of_name"),
+        ("gyro_deg_h", "Omega/(deg/s)", 3600.0, None),
+        ("gyro_deg_h", "rate_deg_s", 3600.0, "recording.unit_of_name"),
+    ],
+)
+def test_units_at_the_end_of_a_name_convert(target: str, source: str, factor: float, code: str | None) -> None:
+    """A factor is never passed over in silence: what is converted is noted, as is what may be a unit and is not known."""
+    random = np.random.default_rng(1)
+    columns = {"time_s": 5.0 * np.arange(200.0), "gyro_deg_h": random.normal(size=200), "supply_voltage_V": random.normal(size=200)}
+    header = {"Vcc": "Vcc/mV", "Vcc/mV [V]": "Vcc/mV"}.get(source, source)
+    values = columns.get(target, random.normal(size=200))
+    table = pd.DataFrame({name: column for name, column in columns.items() if name != target} | {header: values})
+    run = rlg.recording(table, columns={target: source})
+    assert run.table[target].to_numpy() == pytest.approx(factor * values)
+    assert [one.message.code for one in run.findings if one.message.code.startswith("recording.unit_")] == ([code] if code else [])
+
+
+def test_group_names_and_dates_have_no_unit_at_the_end() -> None:
+    """`imu/A` beside `imu/B` is a channel of a group; a column of dates named `t_min` stays one of dates."""
+    random = np.random.default_rng(1)
+    table = pd.DataFrame({
+        "t_min": pd.Timestamp("2026-03-01") + pd.to_timedelta(np.arange(200.0), unit="s"),
+        "gyro_deg_h": random.normal(size=200), "imu/A": random.normal(size=200), "imu/B": random.normal(size=200),
+    })  # fmt: skip
+    run = rlg.recording(table, columns={"time_s": "t_min", "discharge_current_a_mA": "imu/A"})
+    assert run.table["time_s"].iloc[-1] == 199.0
+    assert run.table["discharge_current_a_mA"].to_numpy() == pytest.approx(table["imu/A"].to_numpy())
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "advice"),
+    [
+        ("ts", "2026-03-05T08:00:00Z", "time_s=ts"),
+        ("wann", "05.03.2026 08:00:00", "time_s=wann"),
+        ("t in min", "0.5", "time_s='t in min'"),
+    ],
+)
+def test_the_time_is_what_holds_dates_and_never_the_temperature(name: str, first: str, advice: str) -> None:
+    table = pd.DataFrame({"T": [20.0, 20.1, 20.2, 20.3], name: [first] * 4, "gyro_deg_h": [1.0, 2.0, 3.0, 4.0]})
+    with pytest.raises(rlg.InputError, match=f"here probably with --map {advice};"):
+        rlg.recording(table)

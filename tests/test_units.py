@@ -85,3 +85,27 @@ def test_a_temperature_has_no_sense_to_reverse(unit: str) -> None:
 
 def test_arrays_keep_their_shape() -> None:
     assert units.convert(np.ones((2, 3)), "deg/s", "deg/h").shape == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("header", "expected", "found"),
+    [
+        ("Vcc/mV", "V", ("Vcc", "mV", True)),
+        ("w/°/s", "deg/h", ("w", "°/s", True)),
+        ("Omega deg/s", "deg/h", ("Omega", "deg/s", True)),
+        ("Drehrate in Grad/s", "deg/h", ("Drehrate", "Grad/s", True)),
+        ("rate_deg_per_s", "deg/h", ("rate", "deg/s", True)),
+        ("U, mV", "V", ("U", "mV", True)),
+        ("time_h", "s", ("time", "h", True)),  # of a time nothing else ends in h
+        ("T/K", "degC", ("T", "K", True)),
+        ("T_K", "degC", ("T", "K", False)),  # a letter behind an underscore may be a label
+        ("U in Vpp", "V", ("U", "Vpp", False)),
+        ("p/psi", "hPa", ("p", "psi", False)),
+        ("T_min", "degC", None),  # a minimum
+        ("gyro_z", "deg/h", None),
+        ("mV", "V", None),
+    ],
+)
+def test_a_name_ends_in_its_unit_without_brackets(header: str, expected: str, found: tuple[str, str, bool] | None) -> None:
+    ending = units.ending_unit(header, expected)
+    assert (ending if ending is None else tuple(ending)) == found

@@ -153,7 +153,8 @@ def recording_of(
     table = table.drop(columns=list(drop))
     require_different(table.columns, name)
     own = list(map(str, table.columns))
-    table, stated_units = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
+    table, stated_units, by_name = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
+    reading += by_name
     if period_s is not None:
         table = _with_time(table, period_s, name)
     if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):

@@ -1,6 +1,7 @@
 """A laboratory's own column names and units, mapped once onto the contract's.
 
-A source names a column of the file: by its name, or by its place counted from 1. Behind it may stand its unit, with a factor where
+A source names a column of the file: by its name, or by its place counted from 1. Where the name ends in a unit, as `Vcc/mV`, it is
+read in that. Behind it may stand its unit, with a factor where
 the column counts steps of that unit, and an offset in it: `Gyro Z [deg/s]`, `gz [0.00122 rad/s]`, `T [0.1 degC] - 40`. A time may
 be the sum of columns: `date + time`, `sec + nanosec [ns]`, `gps_week + tow [s]`. In place of its unit may stand how dates are
 written or counted: `[dd/mm/yyyy]`, `[excel]`, `[mjd]`.
@@ -19,7 +20,8 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
-from rlgcomp.recording import TIME, times
+from rlgcomp.recording import TIME, Finding, times
+from rlgcomp.report.messages import message
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _OFFSET: Final = re.compile(rf"(?P<source>.*[\])])\s*(?P<sign>[+-])\s*(?P<offset>{_NUMBER})\s*")
@@ -51,11 +53,11 @@ def apply_mapping(
     name: str,
     file_units: Mapping[str, str] | None = None,
     stated_by: str = "the row of units",
-) -> tuple[pd.DataFrame, frozenset[str]]:
+) -> tuple[pd.DataFrame, frozenset[str], tuple[Finding, ...]]:
     """Rename and convert columns.
 
-    Without a unit, in the source or in the file, a source is taken to be in the target's. Entries that are no numbers stay as they
-    are, for :mod:`rlgcomp.recording.repair` to report.
+    Without a unit, in the source, in the file or at the end of the name, a source is taken to be in the target's. Entries that are
+    no numbers stay as they are, for :mod:`rlgcomp.recording.repair` to report.
 
     Parameters
     ----------
@@ -75,6 +77,8 @@ def apply_mapping(
         The mapped columns under their targets; the others as they were.
     stated_units : frozenset of str
         Targets whose unit was stated.
+    findings : tuple of Finding
+        Units that were taken from the end of a name, and endings that may be units and were not.
 
     Raises
     ------
@@ -82,17 +86,21 @@ def apply_mapping(
         A source is not in the file, or its unit cannot become the target's.
     """
     stated_units = set()
+    findings: list[Finding] = []
     names: dict[str, list[str]] = {}
     converted: dict[str, pd.Series] = {}
     for target, text in mapping.items():
         sources = sources_of(table.columns, str(text), name, file_units, parts=target == TIME)
         wanted = units.column_unit(target)
+        known = [(one if one.unit else _by_its_name(one, table, wanted, target, findings)) for one in sources]
         if len(sources) > 1:
             stated_units.add(target)
-            converted[target] = times.of_parts([(one.column, table[one.column], one.unit) for one in sources], name=name)
+            converted[target] = times.of_parts([(one.column, table[one.column], one.unit) for one in known], name=name)
         elif sources[0].unit is not None and wanted is not None:
             stated_units.add(target)
             converted[target] = _converted(table[sources[0].column], sources[0], wanted, target)
+        elif known[0].unit is not None and wanted is not None:
+            converted[target] = _converted(table[known[0].column], known[0], wanted, target)
         else:
             converted[target] = table[sources[0].column]
         names.setdefault(sources[0].column, []).append(target)
@@ -112,7 +120,33 @@ def apply_mapping(
         )
     columns = [target for column in table.columns for target in names.get(str(column), [column])]
     mapped = {column: converted[column] if column in converted else table[column] for column in columns}
-    return pd.DataFrame(mapped, copy=False), frozenset(stated_units)
+    return pd.DataFrame(mapped, copy=False), frozenset(stated_units), tuple(findings)
+
+
+def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target: str, findings: list[Finding]) -> Source:
+    """A source whose unit nobody stated, in the unit that its name ends in."""
+    ending = units.ending_unit(source.column, wanted) if wanted is not None else None
+    if ending is None or wanted is None or _same_unit(ending.unit, wanted) or not _holds_numbers(table[source.column]):
+        return source
+    group = source.column.removesuffix(ending.unit)  # of a container, where others lie in it
+    if group.endswith("/") and any(column != source.column and str(column).startswith(group) for column in table.columns):
+        return source
+    if not ending.known:
+        about = message("recording.unit_not_understood", source=source.column, unit=ending.unit, wanted=wanted)
+        findings.append(Finding("noted", about, target))
+        return source
+    about = message("recording.unit_of_name", source=source.column, unit=ending.unit, wanted=wanted)
+    findings.append(Finding("noted", about, target))
+    return source._replace(unit=ending.unit)
+
+
+def _holds_numbers(values: pd.Series) -> bool:
+    """Whether entries of a column are numbers; dates are none."""
+    if pd.api.types.is_numeric_dtype(values):
+        return True
+    if pd.api.types.is_datetime64_any_dtype(values) or pd.api.types.is_timedelta64_dtype(values):
+        return False
+    return bool(pd.to_numeric(values, errors="coerce").notna().any())
 
 
 def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> pd.Series:
@@ -302,9 +336,15 @@ def _column_of(columns: list[str], stem: str) -> str | None:
     if stem in columns:
         return stem
     bare = stem.lstrip("#%/ ")
-    alike = [column for column in columns if bare and bare in (column, units.header_unit(column)[0])]
+    alike = [column for column in columns if bare and bare in (column, units.header_unit(column)[0], _before_its_unit(column))]
     if len(alike) == 1:
         return alike[0]
     if stem.isascii() and stem.isdigit() and 1 <= int(stem[:9]) <= len(columns):
         return columns[int(stem) - 1]
     return None
+
+
+def _before_its_unit(column: str) -> str | None:
+    """The quantity of a name such as `Vcc/mV` or `t in min`."""
+    found = re.fullmatch(r"(?P<name>.*?)(?:\s*/\s*|\s+in\s+|\s*,\s+)(?P<unit>.*)", column)
+    return found["name"] if found and units.is_unit(found["unit"]) else None

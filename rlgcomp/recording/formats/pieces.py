@@ -100,7 +100,8 @@ def read_pieces(
     known = {column: unit for column, unit in file_units.items() if column in sources}
     first, clock = 0, _RunningClock(path.name)
     for table in _joined(_tables(path, list(dict.fromkeys(sources)), rows), rows):
-        mapped, stated_units = apply_mapping(table, needed, name=path.name, file_units=known)
+        mapped, stated_units, by_name = apply_mapping(table, needed, name=path.name, file_units=known)
+        reading += by_name if not first else ()
         if period_s is not None:
             mapped = mapped.assign(**{TIME: period_s * np.arange(first, first + len(table))})
         whole, findings = repair(

@@ -19,6 +19,7 @@ from rlgcomp.units import SECONDS_PER_HOUR
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
 LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
 FEW_WORDS: Final = 0.2  # of a monitor's entries that may be words such as OVERRANGE among its numbers
+_SHOWING: Final = 50  # rows that show whether a column holds dates
 _BLANK: Final = 0.5  # share of blank rows between readings
 _IN_STEP: Final = 0.8  # of the readings come one usual interval after the last
 ROUNDING: Final = 1e-9
@@ -32,12 +33,20 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         context.add("refused", message("recording.repeated_columns", columns=repeated))
         return table
     if TIME not in table:
-        context.add("refused", message("recording.no_time_column", columns=columns))
+        dated = [str(column) for column in table.columns if _holds_dates(table[column].head(_SHOWING))]
+        context.add("refused", message("recording.no_time_column", columns=columns, dated=dated))
     if context.gyro_required and not any(is_gyro(str(column)) for column in table.columns):
         context.add("refused", message("recording.no_gyro_column", columns=columns))
     if len(table) < FEWEST_ROWS:
         context.add("refused", message("recording.too_few_rows", rows=len(table), least=FEWEST_ROWS))
     return table
+
+
+def _holds_dates(values: pd.Series) -> bool:
+    try:
+        return dates_of(values) is not None
+    except AmbiguousDatesError:
+        return True
 
 
 def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:

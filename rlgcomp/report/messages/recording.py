@@ -17,8 +17,8 @@ def _time_stamps_left_out(*, repeated: int, backward: int) -> str:
     return f"{' and '.join(kind for kind in kinds if kind)} time stamps, rows left out"
 
 
-def _no_time_column(*, columns: Sequence[str]) -> str:
-    here = suggested_time(columns)
+def _no_time_column(*, columns: Sequence[str], dated: Sequence[str]) -> str:
+    here = suggested_time(columns, dated)
     general = "map the time with --map time_s='NAME [unit]', of two columns with 'DATE + TIME'"
     how = f"map the time, here probably with {here}" if here else general
     return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
@@ -253,6 +253,13 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     ),
     "recording.mostly_missing": _mostly_missing,
     # units
+    "recording.unit_of_name": (
+        "read in {unit}, in which its name {source!r} ends; if it is in another, state that, as in '{source} [{wanted}]'"
+    ),
+    "recording.unit_not_understood": (
+        "its name {source!r} ends in {unit!r}, which may be a unit: taken as {wanted}; state which it is, as in "
+        "'{source} [{wanted}]'"
+    ),
     "recording.kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{source} [K]'",
     "recording.noise_below_any_gyro": _noise_below_any_gyro,
     "recording.unit_contradicts_table": _unit_contradicts_table,
