@@ -196,9 +196,21 @@ def test_tests_use_public_names_and_import_no_other_test(path: Path) -> None:
             "import rlgcomp.diagnosis.diagnose",
             ["scipy.signal", "scipy.stats", "sklearn", "torch", "matplotlib"],
         ),  # half a second
+        ("import rlgcomp.compensation.compensator", ["scipy.signal", "scipy.stats._stats_py", "torch", "matplotlib"]),
     ],
 )
 def test_import_brings_no_heavy_library(code: str, heavy: list[str]) -> None:
     check = f"{code}; import sys; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_module_that_is_imported_late_is_itself_at_its_first_use() -> None:
+    code = "import rlgcomp.compensation.compensator, sys; import scipy.stats.distributions; from scipy import stats"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}; print(stats.norm.ppf(0.5), sys.modules['scipy.stats'] is scipy.stats is stats)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["0.0", "True"]

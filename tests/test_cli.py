@@ -520,6 +520,7 @@ def test_demo_quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert added - {"tabulated_law"} <= {reported["concealed"]}  # the equation where it expresses the law, else the law as a table
     assert added
     monkeypatch.setattr("rlgcomp.diagnosis.diagnose.diagnose", lambda *_, **__: found[0])
+    monkeypatch.setattr("rlgcomp.report.svg.svg", lambda *_: "<svg></svg>")  # the figures were drawn once
     again = run("demo", "--quick", "--out", tmp_path / "demo")  # its own folder may be made again
     assert again.exit_code == 0, again.output
     assert reported["diagnosis"]["sentence"] in " ".join(again.stdout.split())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import types
 from pathlib import Path
@@ -62,10 +63,25 @@ def found(files: Path) -> rlg.Diagnosis:
     return diagnose_runs(rlg.Simulator.from_yaml(files / "sim.yaml"), runs[:1], runs[1:], only=["supply_voltage"])
 
 
+@pytest.fixture(scope="module")
+def page(found: rlg.Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the page of what the engine's stand-in finds, and its figures; drawn once."""
+    folder = tmp_path_factory.mktemp("page")
+    found.report(folder / "report.html", figures=folder / "figures")
+    return folder
+
+
 @pytest.fixture
-def engine(monkeypatch: pytest.MonkeyPatch, found: rlg.Diagnosis) -> dict[str, Any]:
+def engine(monkeypatch: pytest.MonkeyPatch, found: rlg.Diagnosis, page: Path) -> dict[str, Any]:
     """A stand-in for the engine that keeps what it is given and always finds the same."""
     seen: dict[str, Any] = {}
+
+    def write_page(path: Path, record: Any, *, truth: Any = None, figures: Path | None = None) -> None:
+        shutil.copy(page / "report.html", path)
+        if figures is not None:
+            shutil.copytree(page / "figures", figures)
+
+    monkeypatch.setattr("rlgcomp.diagnosis.result.write_page", write_page)
 
     def diagnose(simulator: Any, train: Any, test: Any, **options: Any) -> rlg.Diagnosis:
         seen.update(options, simulator=simulator, train=train, test=test)

@@ -461,7 +461,7 @@ def test_from_a_recording_to_a_verified_module(unit: rlg.Simulator, tmp_path: Pa
     """Two chamber runs to a compiled module, every sample of a third compared, on every toolchain of this machine."""
     monkeypatch.chdir(tmp_path)
     for seed in (1, 2, 3):
-        rlg.write(unit.simulate("short", seed=seed, step_s=5.0), tmp_path / f"run{seed}.parquet")
+        rlg.write(unit.simulate("short", seed=seed, step_s=20.0), tmp_path / f"run{seed}.parquet")
     code, out, err = run(
         "train", "run1.parquet", "run2.parquet", "--model", "lssvm", "--out", "Unit-17", "--export", "straight", "--json"
     )

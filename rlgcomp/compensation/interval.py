@@ -53,7 +53,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from rlgcomp.compensation.models.specification import finite
 from rlgcomp.compensation.window_means import MARGIN
@@ -166,7 +166,7 @@ class Interval:
             from_runs = (1 if blocks else len(means)) - 1
             spread, degrees_of_freedom = _with_stated(spread, from_runs + gyros - 1, turn_on_deg_h, from_runs + 1)
         inside_deg_h = _half_width(within, spread, degrees_of_freedom, coverage) + margin_deg_h
-        inside_deg_h = max(inside_deg_h, float(stats.norm.ppf(0.5 + 0.5 * coverage)) * noise_deg_h)
+        inside_deg_h = max(inside_deg_h, float(special.ndtri(0.5 + 0.5 * coverage)) * noise_deg_h)
         if not inside_deg_h > 0.0:
             basis = "unknown"
             inside_deg_h = per_span_deg_h or float(np.spacing(np.abs(y_deg_h).max()))
@@ -295,13 +295,12 @@ def _half_width(within: Sequence[Array], spread: float, degrees_of_freedom: int,
         return start
     values = np.concatenate(within)
     weights = np.concatenate([np.full(len(part), 1.0 / (len(part) * len(within))) for part in within])
-    student = stats.t(degrees_of_freedom)
 
     def shortfall(half_width: float) -> float:
-        held = student.cdf((half_width - values) / spread) - student.cdf((-half_width - values) / spread)
-        return float(weights @ held) - coverage
+        ends = special.stdtr(degrees_of_freedom, np.array([half_width - values, -half_width - values]) / spread)
+        return float(weights @ (ends[0] - ends[1])) - coverage
 
-    far = 2.0 * (start + spread * float(student.ppf(0.5 + 0.5 * coverage)))
+    far = 2.0 * (start + spread * float(special.stdtrit(degrees_of_freedom, 0.5 + 0.5 * coverage)))
     while shortfall(far) < 0.0:  # as many errors as may be outside lie far beyond the others
         far *= 2.0
     return float(optimize.brentq(shortfall, 0.0, far, rtol=1e-9))
