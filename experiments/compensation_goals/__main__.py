@@ -14,7 +14,6 @@ import numpy as np
 from sklearn.base import clone
 
 import rlgcomp as rlg
-from experiments.compensation_goals.history_prior import of_runs
 from experiments.tables import show_table
 from experiments.work import Work
 from rlgcomp.compensation.models import MODELS
@@ -87,11 +86,16 @@ def turn_on(seed: int) -> dict[str, Any]:
 
 
 def history_prior(seed: int) -> dict[str, Any]:
-    """Shape held out, without and with a prior of the coefficients of the history of temperature."""
+    """Shape held out, with the prior of the coefficients of the history of temperature and without one."""
     unit = rlg.simulated_unit(seed)
     names = (*TRAINING, HELD_OUT)
     *runs, test = (unit.simulate(text, seed=10 * seed + k, step_s=STEP_S, name=text) for k, text in enumerate(names))
-    return {"unit": seed, **of_runs(runs, test)}
+    default = rlg.Compensator().fit(runs)
+    without = rlg.Compensator(MODELS["lssvm-dynamic"].make().set_params(linear_prior=None)).fit(runs)
+    noise = np.std(np.asarray(window_means(test, default.pipeline_, default.averaging_s).noise_deg_h), ddof=1)
+    left = [float(np.std(errors_of(model, test), ddof=1) / noise) for model in (without, default)]
+    prior = default.model_.linear_prior
+    return {"unit": seed, "no prior: std / noise": left[0], "default: std / noise": left[1], "its prior": prior}
 
 
 def folds(seed: int) -> dict[str, Any]:
@@ -100,12 +104,35 @@ def folds(seed: int) -> dict[str, Any]:
     X, groups = rng.standard_normal((200, 5)), np.repeat(np.arange(5), 40)
     y = np.sin(X[:, 0]) + X @ rng.standard_normal(5) + 0.1 * rng.standard_normal(200) + rng.standard_normal(5)[groups]
     row: dict[str, Any] = {"data": seed}
-    for label, linear, trend in (("kernel", (), False), ("physics' columns", (1, 3), False), ("trend", (1,), True)):
-        model = rlg.LSSVMRegressor(c=50.0, sigma=2.0, run_variance=0.6, linear=linear, trend=trend)
-        closed = clone(model).fit(X, y, runs=groups).leave_groups_out(groups)
-        brute = refit_residuals(model, [{}], X, y, groups)[0]
+    for label, linear, trend, prior in (
+        ("kernel", (), False, None),
+        ("physics' columns", (1, 3), False, None),
+        ("trend", (1,), True, None),
+        ("trend and a prior", (1, 3), True, 0.1),
+    ):
+        model = rlg.LSSVMRegressor(c=50.0, sigma=2.0, run_variance=0.6, linear=linear, trend=trend, linear_prior=prior)
+        fitted = clone(model).fit(X, y, runs=groups)
+        closed = fitted.leave_groups_out(groups)
+        brute = refit_residuals(model, [{}], X, y, groups)[0] if prior is None else _with_one_prior(fitted, X, y, groups)
         row[label] = f"{np.abs(closed - brute).max() / np.abs(brute).max():.1e}"
     return row
+
+
+def _with_one_prior(fitted: rlg.LSSVMRegressor, X: np.ndarray, y: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """Errors of the rows of each run by the whole system of the others, the variances of the fitted model as they are."""
+    smooth, P = np.delete(X, fitted.linear, axis=1), X[:, fitted.linear]
+    distances = ((smooth[:, None] - smooth[None]) ** 2).sum(axis=2)
+    covariance = np.exp(-0.5 * distances / fitted.sigma**2) + fitted.linear_variance_ * P @ P.T
+    F = np.column_stack([np.ones(len(y)), smooth])
+    H = covariance + fitted.run_variance_ * (groups[:, None] == groups) + np.eye(len(y)) / fitted.c
+    errors = np.empty(len(y))
+    for label in np.unique(groups):
+        rest, out = groups != label, groups == label
+        border = F[rest]
+        whole = np.block([[np.zeros((F.shape[1], F.shape[1])), border.T], [border, H[np.ix_(rest, rest)]]])
+        beta, alpha = np.split(np.linalg.solve(whole, np.r_[np.zeros(F.shape[1]), y[rest]]), [F.shape[1]])
+        errors[out] = y[out] - F[out] @ beta - covariance[np.ix_(out, rest)] @ alpha
+    return errors
 
 
 def exported() -> list[dict[str, Any]]:

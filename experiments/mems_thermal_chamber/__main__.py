@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import rlgcomp as rlg
+from experiments.mems_thermal_chamber import history_prior
 from experiments.mems_thermal_chamber.hypotheses import residuals
 from experiments.mems_thermal_chamber.judgement import MEMORY, held_out, judgement
 from experiments.tables import show_table
@@ -142,14 +143,17 @@ def main() -> None:
     parser.add_argument(
         "--data", type=Path, default=Path("../shared/data/real/mems_imu_thermal_chamber"), help="folder of the recording"
     )
-    parser.add_argument("--section", choices=("both", "compensation", "diagnosis"), default="both", help="which part")
+    parser.add_argument("--section", choices=("all", "compensation", "prior", "diagnosis"), default="all", help="which part")
     options = parser.parse_args()
     logging.getLogger("rlgcomp").setLevel(logging.ERROR)
     whole = cycle(options.data)
-    if options.section != "diagnosis":
+    if options.section in ("all", "compensation"):
         compensation(whole)
         hypotheses(whole)
-    if options.section != "compensation":
+    if options.section in ("all", "prior"):
+        title = "The prior of the history's coefficients: rms of the leg held out over that without the prior"
+        show_table(title, history_prior.table(options.data, TURNS_S, AVERAGING_S))
+    if options.section in ("all", "diagnosis"):
         diagnosis(whole)
 
 

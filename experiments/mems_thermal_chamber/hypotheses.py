@@ -1,8 +1,9 @@
 """Other hypotheses than the default model's: what they leave of the leg held out, and whether the training legs favour them.
 
-All are a function of temperature by a Gaussian kernel and inputs of its history. They differ in which inputs there are, in whether
-the coefficients of these have a prior, and in what selects width, c and the size of the prior: blocks of the training legs left
-out, restricted likelihood, or the leg held out itself, as one would who has seen it.
+The default model has a prior of the coefficients; here its variance is one of the kernel's function, and restricted likelihood and
+the leg held out select as well. All are a function of temperature by a Gaussian kernel and inputs of its history. They differ in
+which inputs there are, in whether the coefficients of these have a prior, and in what selects width, c and the size of the prior:
+blocks of the training legs left out, restricted likelihood, or the leg held out itself, as one would who has seen it.
 """
 
 from __future__ import annotations

@@ -358,6 +358,8 @@ def _resolved(model: Any, pipeline: FeatureRecipe, *, one_run: bool) -> Any:
         model.set_params(run_variance=0.0)  # blocks of one run have one bias
     if pipeline.physics:
         model.set_params(linear=pipeline.physics, trend=False)
+        if "linear_prior" in model.get_params():
+            model.set_params(linear_prior=None)  # known physics extrapolates by its own laws
     if model.get_params().get("linear") == DYNAMICS:
         model.set_params(linear=pipeline.dynamic)
     return model

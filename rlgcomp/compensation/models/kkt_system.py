@@ -36,6 +36,7 @@ import numpy.typing as npt
 from scipy import linalg
 
 from rlgcomp.compensation.models.border import Border
+from rlgcomp.compensation.models.coefficient_prior import coefficient_variance
 from rlgcomp.compensation.models.run_biases import gain, restricted_likelihood
 from rlgcomp.errors import InputError
 
@@ -76,6 +77,7 @@ class KKTSystem:
         self._total = self._columns.basis.T @ self._border
         inverse -= self._border @ linalg.solve(self._total, self._border.T, assume_a="sym")
         self._inverse = inverse
+        self._effects: list[tuple[Array, Array, Array]] = []  # columns, what gives their coefficients, and the covariance of these
 
     def restricted_likelihood(self, Z: Array, y: Array) -> float:
         """rho of greatest restricted likelihood for runs of the indicator Z, shape (n, runs), and the output y, shape (n,)."""
@@ -83,14 +85,21 @@ class KKTSystem:
         rows = len(y) - self._border.shape[1] + 1
         return float(restricted_likelihood((Z.T @ applied)[None], (Z.T @ alpha)[None], np.array([y @ alpha]), rows)[0])
 
-    def add_run_biases(self, Z: Array, rho: float) -> None:
-        """Border the system with a column for each run, shape (n, runs), whose biases have the variance rho."""
+    def coefficient_variance(self, P: Array, y: Array, share: float) -> float:
+        """v of the columns P, shape (n, k), for the output y: see :mod:`rlgcomp.compensation.models.coefficient_prior`."""
+        applied, alpha = self._inverse @ P, self._inverse @ y
+        M, g, q = (P.T @ applied)[None], (P.T @ alpha)[None], np.array([y @ alpha])
+        return float(coefficient_variance(share, M, g, q, float(np.var(y)), len(y) - self._border.shape[1])[0])
+
+    def add_effects(self, Z: Array, rho: float) -> None:
+        """Border the system with columns, shape (n, k), of runs or of inputs, whose coefficients have the variance rho."""
         applied = self._inverse @ Z
         K = gain(np.array([rho]), (Z.T @ applied)[None])[0]
         across = Z.T @ self._border
         full = applied + self._border @ linalg.solve(self._total, across.T, assume_a="sym")  # H^-1 Z
         border = self._border - full @ gain(np.array([rho]), (Z.T @ full)[None])[0] @ across
         self._inverse -= applied @ K @ applied.T
+        self._effects.append((Z, K @ applied.T, K))
         self._border, self._total = border, self._columns.basis.T @ border
 
     def solve(self, y: Array) -> tuple[Array, Array]:
@@ -101,6 +110,23 @@ class KKTSystem:
         """Variances of b and the border's coefficients in units of the function's scale s squared, shape (1 + columns,)."""
         back = self._columns.back
         return np.asarray(np.einsum("ij,ji->i", back, linalg.solve(self._total, back.T, assume_a="sym")))
+
+    def effect_sizes(self, y: Array) -> list[Array]:
+        """Coefficients of the columns that were added, in the order in which they were."""
+        sizes: list[Array] = []
+        for columns, applied, _ in reversed(self._effects):  # each of what those after it leave
+            sizes.insert(0, applied @ y)
+            y = y - columns @ sizes[0]
+        return sizes
+
+    def effect_variances(self) -> Array:
+        """Variances of the coefficients of the columns added first, as :meth:`coefficient_variances`; the runs' come second."""
+        (_, applied, own), *runs = self._effects
+        variances = np.diag(own).copy()
+        for Z, _, of_runs in runs:
+            across = applied @ Z
+            variances += np.einsum("ij,jk,ik->i", across, of_runs, across)
+        return variances
 
     def inverse_diagonal(self) -> Array:
         """Diagonal of C, shape (n,)."""

@@ -69,8 +69,11 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         Variance of the runs' own biases about b, over that of the kernel's function. None estimates it by restricted likelihood
         where `fit` is given the runs. A prediction has the mean of the runs' biases.
     linear : tuple of int or "dynamics", default ()
-        Inputs that enter linearly, without regularisation, and not by the kernel: known physics. "dynamics": a Compensator takes
-        the inputs that depend on the history of temperature. Not with several outputs or a device.
+        Inputs that enter linearly and not by the kernel, without regularisation by default: known physics. "dynamics": a
+        Compensator takes the inputs that depend on the history of temperature. Not with several outputs or a device.
+    linear_prior : float, optional
+        Variance of the coefficients of `linear` before training, over that of the output, for inputs of unit size. None: they are
+        not regularised.
     trend : bool, default False
         The inputs of the kernel enter linearly as well, without regularisation, so that the kernel learns what a plane leaves
         (universal kriging). Not with several outputs or a device.
@@ -94,6 +97,8 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         v: the sample weights, 1 by default, times the robust weights.
     loo_residuals_ : ndarray, shape (n,) or (n, outputs)
         Leave-one-out residuals.
+    linear_variance_ : float
+        Variance of that prior over that of the kernel's function; zero without a prior.
     run_variance_ : float
         Zero where the runs are not known, or several outputs or a device are.
     scale_ : float, or ndarray of shape (outputs,)
@@ -108,6 +113,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     True
     """
 
+    linear_variance_: float = 0.0
     run_variance_: float = 0.0  # of a model saved before runs had biases of their own
     runs_: Array | None = None
     coef_: Array | None = None
@@ -125,6 +131,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         robust: bool = False,
         run_variance: float | None = None,
         linear: tuple[int, ...] = (),
+        linear_prior: float | None = None,
         trend: bool = False,
         device: str | None = None,
     ) -> None:
@@ -137,6 +144,7 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         self.robust = robust
         self.run_variance = run_variance
         self.linear = linear
+        self.linear_prior = linear_prior
         self.trend = trend
         self.device = device
 
@@ -182,15 +190,18 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             inputs, target, multiplicity = partially_linear.positive_weights(inputs, target, checked)
         kkt_system = self.functions.system_of(inputs)
         weights = multiplicity
+        P = self.functions.shrunk(inputs)
         for _ in range(_ROBUST_PASSES if self.robust else 0):
-            solved, _ = partially_linear.with_run_biases(kkt_system(self.c * weights), self.runs_, self.run_variance, target)
+            solved = kkt_system(self.c * weights)
+            partially_linear.with_prior(solved, P, self.linear_prior, None, target)
+            partially_linear.with_run_biases(solved, self.runs_, self.run_variance, target)
             alpha, _ = solved.solve(target)
             weights = multiplicity * suykens_weights(alpha / (self.c * weights), multiplicity)
         self.X_fit_ = inputs
         self.weights_ = weights
-        solved, self.run_variance_ = partially_linear.with_run_biases(
-            kkt_system(self.c * weights), self.runs_, self.run_variance, target
-        )
+        solved = kkt_system(self.c * weights)
+        self.linear_variance_ = partially_linear.with_prior(solved, P, self.linear_prior, None, target)
+        self.run_variance_ = partially_linear.with_run_biases(solved, self.runs_, self.run_variance, target)
         diagonal = solved.inverse_diagonal()
         self.alpha_: Array
         self.intercept_: float | Array
@@ -200,14 +211,20 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
             diagonal = diagonal[:, None]
         else:
             self.alpha_, coefficients = solved.solve(target)
-            self.intercept_, self.coef_ = float(coefficients[0]), coefficients[1:] if self.straight else None
+            self.intercept_ = float(coefficients[0])
+            self.coef_ = None
+            if self.straight and isinstance(solved, KKTSystem):
+                sizes = solved.effect_sizes(target)[0] if P.shape[1] else np.empty(0)
+                self.coef_ = self._in_order(coefficients[1:], sizes)
         self._solved = solved if self.device is None else None  # a device's memory is freed
         self.loo_residuals_ = self.alpha_ / diagonal
         mean_square = np.mean(self.alpha_**2 / diagonal, axis=0)  # negative only if the kernel is indefinite
         scale = np.sqrt(np.maximum(0.0, mean_square))
         self.scale_ = scale if target.ndim > 1 else float(scale)
         if self.straight and isinstance(solved, KKTSystem):
-            self.coef_std_ = self.scale_ * np.sqrt(np.maximum(solved.coefficient_variances()[1:], 0.0))
+            of_prior = solved.effect_variances() if P.shape[1] else np.empty(0)
+            variances = self._in_order(solved.coefficient_variances()[1:], of_prior)
+            self.coef_std_ = self.scale_ * np.sqrt(np.maximum(variances, 0.0))
         return self
 
     def predict(self, X: npt.ArrayLike, return_std: bool = False) -> Any:
@@ -257,7 +274,10 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
     @property
     def functions(self) -> partially_linear.PartiallyLinear:
         """The functions that are fitted."""
-        return partially_linear.PartiallyLinear(self.kernel_name, self.get_params(), tuple(self.linear), self.trend, self.device)
+        prior = self.linear_prior is not None and bool(self.linear)
+        return partially_linear.PartiallyLinear(
+            self.kernel_name, self.get_params(), tuple(self.linear), self.trend, self.device, prior, self.linear_variance_
+        )
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -306,8 +326,9 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         numbers = partially_linear.group_numbers(groups, len(self.alpha_))
         solved = getattr(self, "_solved", None)  # a model that was read from a file has none
         if solved is None:
-            system = self.functions.system_of(self.X_fit_)(self.c * self.weights_)
-            solved, _ = partially_linear.with_run_biases(system, self.runs_, self.run_variance_)
+            solved = self.functions.system_of(self.X_fit_)(self.c * self.weights_)
+            partially_linear.with_prior(solved, self.functions.shrunk(self.X_fit_), self.linear_prior, self.linear_variance_)
+            partially_linear.with_run_biases(solved, self.runs_, self.run_variance_)
             self._solved = solved if self.device is None else None
         if self.straight and isinstance(solved, KKTSystem):
             return partially_linear.leave_groups_out(
@@ -341,8 +362,20 @@ class LSSVMRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
         require_number(self, "slope", low=0.0, open_low=True)
         if self.run_variance is not None:
             require_number(self, "run_variance", low=0.0)
+        if self.linear_prior is not None:
+            require_number(self, "linear_prior", low=0.0, open_low=True)
         require_device(self)
         partially_linear.require_places(self.linear)
+
+    def _in_order(self, of_border: Array, of_prior: Array) -> Array:
+        """Numbers of the border's columns and of those with a prior, in the order of the places of both."""
+        functions = self.functions
+        if not functions.prior:
+            return of_border
+        values = np.empty(self.n_features_in_)
+        values[functions.border_places(len(values))] = of_border
+        values[list(self.linear)] = of_prior
+        return values[list(self.straight_places)]
 
     def _each(self, compute: Callable[[Array], Array]) -> Array:
         """What is computed from the alpha of each output, as columns; from the only one, as it is."""
@@ -374,8 +407,9 @@ def _check(model: LSSVMRegressor, features: int) -> None:
         count = features if model.trend else len(model.linear)
         require_shape(model, "coef_", count)
         require_shape(model, "coef_std_", count)
-    if model.run_variance_ < 0.0:
-        raise InputError(f"run_variance_ is {model.run_variance_:g}; it cannot be negative")
+    for name in ("run_variance_", "linear_variance_"):
+        if getattr(model, name) < 0.0:
+            raise InputError(f"{name} is {getattr(model, name):g}; it cannot be negative")
 
 
 def _specification(name: str, **defaults: Any) -> ModelSpecification:
@@ -390,11 +424,11 @@ def _specification(name: str, **defaults: Any) -> ModelSpecification:
         rmse=rmse_of_batch,
         threads=True,
         reach=1.0,
-        numbers=("intercept_", "scale_", "run_variance_"),
+        numbers=("intercept_", "scale_", "run_variance_", "linear_variance_"),
         arrays=("alpha_", "X_fit_", "weights_", "runs_", "coef_", "coef_std_"),
         check=_check,
     )
 
 
 SPECIFICATION: Final = _specification("lssvm")
-SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS, trend=True))
+SPECIFICATIONS: Final = (SPECIFICATION, _specification("lssvm-dynamic", linear=DYNAMICS, linear_prior=0.1, trend=True))

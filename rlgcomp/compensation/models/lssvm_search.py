@@ -21,6 +21,7 @@ Array = npt.NDArray[np.float64]
 WITHOUT_KERNEL: Final = 1e-9  # c of which the kernel's part is nothing
 LIMITS: Final = {"sigma": (2.0**-4, 2.0**8), "c": (1e-3, 1e8)}  # sigma in sqrt(features); beyond this c sums of alpha K lose 1e-9
 _FURTHER_C: Final = (10.0, 100.0)  # at once, since candidates of one width share a decomposition
+PRIORS: Final = (1e-3, 1e-1, 10.0)  # of coefficients, over the output's variance; the last is next to none
 MANY_ROWS: Final = 1500  # beyond which candidates are compared on this number of centres:
 CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel to rounding
 
@@ -28,7 +29,8 @@ CENTRES_OF_MANY: Final = 300  # for widths that matter they reproduce the kernel
 def selected_text(best: Mapping[str, Any]) -> str:
     """Selected parameters in words: `c` of no kernel is no number that a reader can use."""
     if best.get("c") == WITHOUT_KERNEL:
-        return "no kernel: the inputs that enter linearly are enough"
+        prior = f", linear_prior = {best['linear_prior']:g}" if "linear_prior" in best else ""
+        return f"no kernel: the inputs that enter linearly are enough{prior}"
     parts = [f"{name} = {value:.6g}" if isinstance(value, float) else f"{name} = {value}" for name, value in best.items()]
     return ", ".join(parts) or "no parameter: one candidate"
 
@@ -40,13 +42,29 @@ def batches(features: int) -> list[list[dict[str, Any]]]:
 
 
 def batches_of(model: Any, features: int) -> list[list[dict[str, Any]]]:
-    """With inputs that enter linearly, their sum without a kernel's part is the first candidate, and smaller c are tried."""
+    """With inputs that enter linearly, their sum without a kernel's part is the first candidate, and smaller c are tried.
+
+    Where their coefficients have a prior, every candidate is tried with each of its sizes, the smallest first.
+    """
     every = batches(max(1, features - len(model.linear)))
     if not model.straight:
         return every
     less = [[{"sigma": batch[0]["sigma"], "c": c} for c in (1e-3, 1e-2)] + batch for batch in every]
     less[0].insert(0, {"sigma": every[0][0]["sigma"], "c": WITHOUT_KERNEL})
-    return less
+    return _with_priors(less) if has_prior(model) else less
+
+
+def has_prior(model: Any) -> bool:
+    """Whether the coefficients of some inputs have a prior."""
+    return model.linear_prior is not None and bool(model.linear)
+
+
+def _with_priors(grid: Sequence[Candidates]) -> list[list[dict[str, Any]]]:
+    return [[{**one, "linear_prior": prior} for prior in PRIORS for one in batch] for batch in grid]
+
+
+def _without_priors(grid: Sequence[Candidates]) -> list[list[dict[str, Any]]]:
+    return [list({one["c"]: {"sigma": one["sigma"], "c": one["c"]} for one in batch}.values()) for batch in grid]
 
 
 def beyond(model: Any, features: int, grid: Sequence[Candidates], best: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
@@ -61,10 +79,10 @@ def beyond(model: Any, features: int, grid: Sequence[Candidates], best: Mapping[
     best : mapping
         The candidate of least error.
     """
-    further = [[dict(one) for one in batch] for batch in grid]
+    further = _without_priors(grid)
     sigma, c = best["sigma"], best["c"]
     if c == WITHOUT_KERNEL:
-        return further
+        return [[dict(one) for one in batch] for batch in grid]
     without = [further[0].pop(0)] if further[0][0]["c"] == WITHOUT_KERNEL else []
     own = next(batch for batch in further if batch[0]["sigma"] == sigma)
     low, high = _limits(model, features)["c"]
@@ -79,7 +97,7 @@ def beyond(model: Any, features: int, grid: Sequence[Candidates], best: Mapping[
     elif own is further[-1] and 0.5 * sigma >= low:
         further.append([{"sigma": 0.5 * sigma, "c": value} for value in every_c])
     further[0][:0] = without
-    return further
+    return _with_priors(further) if has_prior(model) else further
 
 
 def at_limits(model: Any, features: int, selected: Mapping[str, Any]) -> dict[str, float]:
@@ -106,14 +124,15 @@ def rmse_of_batch(model: Any, candidates: Candidates, X: Array, y: Array, groups
     ----------
     model : LSSVMRegressor
     candidates : sequence of mapping
-        `sigma`, the same in all, and `c`.
+        `sigma`, the same in all, and `c`, with a prior each with the same sizes of it.
     X : ndarray, shape (n, features)
     y : ndarray, shape (n,)
     groups : ndarray, shape (n,)
         Label of each row's group.
     """
     sigma = candidates[0]["sigma"]
-    c = np.array([candidate["c"] for candidate in candidates])
+    priors = tuple(dict.fromkeys(one["linear_prior"] for one in candidates)) if has_prior(model) else ()
+    c = np.array([candidate["c"] for candidate in candidates[: len(candidates) // max(1, len(priors))]])
     if model.straight and len(y) > MANY_ROWS:  # c, of noise over function, is that of fewer rows
         step = -(-len(y) // MANY_ROWS)
         X, y, groups = X[::step], y[::step], groups[::step]
@@ -122,5 +141,15 @@ def rmse_of_batch(model: Any, candidates: Candidates, X: Array, y: Array, groups
     smooth = np.delete(X, list(model.linear), axis=1)
     gram = kernel(model.kernel_name, {**model.get_params(), "sigma": sigma}, smooth, smooth)
     runs, columns = groups if model.run_variance is None else None, model.functions.columns(X)
-    residuals = leave_groups_out_path(gram, y, groups, c, definite=model.kernel_name == "gaussian", runs=runs, columns=columns)
+    residuals = leave_groups_out_path(
+        gram,
+        y,
+        groups,
+        c,
+        definite=model.kernel_name == "gaussian",
+        runs=runs,
+        columns=columns,
+        shrunk=model.functions.shrunk(X) if priors else None,
+        priors=priors,
+    )
     return between_and_within(residuals, groups)

@@ -3,8 +3,10 @@ r"""The functions that an LS-SVM fits: a kernel of some inputs, and a linear par
 .. math:: f(x) = \sum_i \alpha_i K(s(x_i), s(x)) + b + \beta^T p(x)
 
 p(x) are the inputs that enter linearly, by the border of the KKT system, and s(x) those that the kernel takes: all others, or
-all of them where the linear part is their trend. From training rows follow the system that is solved for them, the sums of the
-kernel, and by how much the rows reduce the variance of a new one; on the processor or on a torch device.
+all of them where the linear part is their trend. The coefficients of the inputs that it alone takes may have a prior
+(:mod:`rlgcomp.compensation.models.coefficient_prior`); then these stand beside the border. From training rows follow the system
+that is solved for them, the sums of the kernel, and by how much the rows reduce the variance of a new one; on the processor or on a
+torch device.
 
 Reference
 ---------
@@ -47,6 +49,10 @@ class PartiallyLinear:
         All inputs enter linearly; the kernel takes those that `linear` does not name.
     device : str, optional
         Of torch.
+    prior : bool
+        The coefficients of `linear` have a prior.
+    variance : float
+        Its variance v, in units of the function's scale squared.
     """
 
     kernel: str
@@ -54,10 +60,22 @@ class PartiallyLinear:
     linear: tuple[int, ...]
     trend: bool
     device: str | None
+    prior: bool = False
+    variance: float = 0.0
+
+    def border_places(self, features: int) -> list[int]:
+        """Inputs that enter linearly by the border, in the order of its columns."""
+        if self.prior:
+            return [place for place in range(features) if place not in self.linear] if self.trend else []
+        return list(range(features)) if self.trend else list(self.linear)
 
     def columns(self, X: Array) -> Array:
-        """p: the inputs that enter linearly."""
-        return X if self.trend else X[:, list(self.linear)]
+        """The border's columns beside the intercept: inputs that enter linearly without a prior."""
+        return X[:, self.border_places(X.shape[1])]
+
+    def shrunk(self, X: Array) -> Array:
+        """The inputs that enter linearly with a prior of their coefficients."""
+        return X[:, list(self.linear) if self.prior else []]
 
     def smooth(self, X: Array) -> Array:
         """s: the inputs that the kernel takes."""
@@ -100,8 +118,9 @@ class PartiallyLinear:
         return kernel_sum(name, self.parameters, self.smooth(X), self.smooth(centres), alpha)
 
     def own_variance(self, X: Array) -> Array:
-        """Variance of the kernel's function at each row of X before training, in units of its scale squared."""
-        return kernel_diagonal(self.kernel, self.parameters, self.smooth(X))
+        """Variance of the function at each row of X before training, in units of its scale squared."""
+        own = kernel_diagonal(self.kernel, self.parameters, self.smooth(X))
+        return np.asarray(own + self.variance * (self.shrunk(X) ** 2).sum(axis=1))
 
     def variance_reduction(self, X: Array, centres: Array, c: Array, run_covariance: Array | float = 0.0) -> Array:
         """By how much the training rows reduce that variance, less what the border's coefficients are uncertain by.
@@ -121,6 +140,9 @@ class PartiallyLinear:
         smooth, border = self.smooth(centres), Border.of(self.columns(centres))
         across = kernel(self.kernel, self.parameters, self.smooth(X), smooth)
         gram = kernel(self.kernel, self.parameters, smooth, smooth) + np.diag(1.0 / c)
+        if self.prior:
+            P = self.shrunk(centres)
+            across, gram = across + self.variance * self.shrunk(X) @ P.T, gram + self.variance * P @ P.T
         return variance_reduction(gram + run_covariance, across, border, self.columns(X))
 
 
@@ -137,10 +159,31 @@ def require_places(linear: Any) -> None:
         raise InputError(f"The 'linear' parameter of LSSVMRegressor must name inputs by number, each once. Got {linear!r} instead.")
 
 
-def with_run_biases(
-    system: System, runs: Array | None, variance: float | None, target: Array | None = None
-) -> tuple[System, float]:
-    """The system with the runs' own biases, and their variance.
+def with_prior(system: System, P: Array, share: float | None, variance: float | None, target: Array | None = None) -> float:
+    """Add the columns P, shape (n, k), of which the coefficients have a prior to the system, and return the prior's variance.
+
+    Parameters
+    ----------
+    system : KKTSystem or DeviceKKTSystem
+        It is changed.
+    P : ndarray, shape (n, k)
+    share : float, optional
+        V; None: there is no prior.
+    variance : float, optional
+        v where it is known.
+    target : ndarray, shape (n,), optional
+        The output, where it is not.
+    """
+    if share is None or not P.shape[1] or not isinstance(system, KKTSystem):
+        return 0.0
+    if variance is None:
+        variance = system.coefficient_variance(P, np.asarray(target), share)
+    system.add_effects(P, variance)
+    return variance
+
+
+def with_run_biases(system: System, runs: Array | None, variance: float | None, target: Array | None = None) -> float:
+    """Add the runs' own biases to the system, and return their variance.
 
     Parameters
     ----------
@@ -154,13 +197,13 @@ def with_run_biases(
         The output, for that estimate.
     """
     if runs is None or not isinstance(system, KKTSystem):
-        return system, 0.0
+        return 0.0
     Z = indicator(runs)
     if variance is None:
         variance = system.restricted_likelihood(Z, np.asarray(target))
     if variance > 0.0:
-        system.add_run_biases(Z, variance)
-    return system, float(variance)
+        system.add_effects(Z, variance)
+    return float(variance)
 
 
 def leave_groups_out(

@@ -4,23 +4,27 @@ One decomposition of the kernel matrix serves every :math:`H = \Omega + I/\gamma
 `c` is gamma. The border (:mod:`rlgcomp.compensation.models.border`) is taken out of the kernel matrix beforehand: with F of
 orthonormal columns and Omega' = Q Omega Q + l F F^T, Q = I - F F^T, its columns are eigenvectors, so that
 :math:`C = H'^{-1} - F F^T / (l + 1/\gamma)`. Where runs have biases of their own, each gamma has their variance by restricted
-likelihood; see :mod:`rlgcomp.compensation.models.run_biases`.
+likelihood; see :mod:`rlgcomp.compensation.models.run_biases`. Further columns have coefficients with a prior, of which many sizes
+are scored at once; see :mod:`rlgcomp.compensation.models.coefficient_prior`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.models.border import Border
+from rlgcomp.compensation.models.coefficient_prior import RandomEffects
 from rlgcomp.compensation.models.run_biases import contrasts, root_of_likeliest_gain
 from rlgcomp.numerics.compiled import available, compiled
 from rlgcomp.numerics.lapack import eigh, pivoted_cholesky, tridiagonal
 
 Array = npt.NDArray[np.float64]
+Effects = tuple[Array, tuple[float, ...]] | None  # columns whose coefficients have a prior, and its sizes
 _FEW_GROUPS: Final = 3  # up to which solving for the other rows is cheaper than inverting large blocks
 COMPILED_ROWS: Final = 400  # from which compiling a loop pays where many selections are made
 _BATCH: Final = 1 << 19  # numbers in memory: four megabytes
@@ -39,6 +43,8 @@ def leave_groups_out_path(
     definite: bool,
     runs: npt.NDArray[Any] | None = None,
     columns: Array | None = None,
+    shrunk: Array | None = None,
+    priors: Sequence[float] = (),
 ) -> Array:
     """Residuals of each row without its whole group, for many c: one decomposition, or one a group where groups are few.
 
@@ -56,25 +62,34 @@ def leave_groups_out_path(
         Label of each row's run, where runs have biases of their own.
     columns : ndarray, shape (n, k), optional
         The border's columns beside the intercept.
+    shrunk : ndarray, shape (n, k), optional
+        Columns whose coefficients have a prior.
+    priors : sequence of float
+        Its sizes V.
 
     Returns
     -------
-    ndarray, shape (m, n)
+    ndarray, shape (m, n), or (priors * m, n), prior by prior
     """
     c = np.atleast_1d(np.asarray(c_values, dtype=np.float64))
     folds = [np.flatnonzero(groups == label) for label in np.unique(groups)]
     table = np.empty((len(y), 0)) if columns is None else columns
-    border = Border.of(table)
-    residuals = np.empty((len(c), len(y)))
+    border, effects = Border.of(table), None if shrunk is None else (shrunk, tuple(priors))
+    residuals = np.empty((max(1, len(priors)) * len(c), len(y)))
     # where a fold alone shows a column, the coefficient without it is of least norm: solved for the other rows
     apart = folds if len(folds) <= _FEW_GROUPS else [fold for fold in folds if not border.determined_without(fold)]
     for fold in apart:
         rest = np.delete(np.arange(len(y)), fold)
-        path = EigenPath(gram[np.ix_(rest, rest)], y[rest], c, None if runs is None else runs[rest], Border.of(table[rest]))
+        of_rest = None if effects is None else (effects[0][rest], effects[1])
+        path = EigenPath(
+            gram[np.ix_(rest, rest)], y[rest], c, None if runs is None else runs[rest], Border.of(table[rest]), of_rest
+        )
         residuals[:, fold] = y[fold] - path.alpha @ gram[np.ix_(rest, fold)] - path.intercept[:, None] - path.slopes @ table[fold].T
+        if effects is not None:
+            residuals[:, fold] -= path.shrunk @ effects[0][fold].T
     if len(apart) == len(folds):
         return residuals
-    path_of_all = _fastest_path(gram, y, c, runs, border, definite=definite)
+    path_of_all = _fastest_path(gram, y, c, runs, border, effects, definite=definite)
     determined = [fold for fold in folds if not any(fold is other for other in apart)]
     for fold in determined:
         residuals[:, fold] = path_of_all.leave_out(fold)
@@ -82,12 +97,12 @@ def leave_groups_out_path(
 
 
 def _fastest_path(
-    gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None, border: Border, *, definite: bool
+    gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None, border: Border, effects: Effects, *, definite: bool
 ) -> EigenPath | TridiagonalPath:
     beyond_rounding = 1.0 / c.max() > 10.0 * len(y) * np.finfo(np.float64).eps * float(np.diag(gram).max())
     if definite and beyond_rounding and len(y) >= COMPILED_ROWS and available():
-        return TridiagonalPath(gram, y, c, runs, border)
-    return EigenPath(gram, y, c, runs, border)
+        return TridiagonalPath(gram, y, c, runs, border, effects)
+    return EigenPath(gram, y, c, runs, border, effects)
 
 
 class EigenPath:
@@ -105,16 +120,29 @@ class EigenPath:
     runs : ndarray, shape (n,), optional
     border : Border, optional
         By default the intercept alone.
+    effects : tuple of ndarray, shape (n, k), and tuple of float, optional
+        Columns whose coefficients have a prior, and its sizes.
 
     Attributes
     ----------
     alpha : ndarray, shape (m, n)
+        As what follows for each prior and c, prior by prior, where there are priors.
     intercept : ndarray, shape (m,)
     slopes : ndarray, shape (m, k)
         Coefficients of the border's columns.
+    shrunk : ndarray, shape (m, k)
+        Coefficients that have a prior.
     """
 
-    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None, border: Border | None = None) -> None:
+    def __init__(
+        self,
+        gram: Array,
+        y: Array,
+        c: Array,
+        runs: npt.NDArray[Any] | None = None,
+        border: Border | None = None,
+        effects: Effects = None,
+    ) -> None:
         self.border = Border.of(np.empty((len(y), 0))) if border is None else border
         F = self.border.basis
         level, across = self.border.project(gram)
@@ -134,7 +162,15 @@ class EigenPath:
         self.alpha = self._applied(self.border.without(y))
         self.runs: Array | None = None
         of_runs = np.zeros((len(c), F.shape[1]))
-        if runs is not None and len(np.unique(runs)) > 1:
+        self.effects: RandomEffects | None = None
+        if effects is not None:
+            P, Z = effects[0], _contrasts(runs, len(y))
+            applied = np.stack([self._applied(column) for column in self.border.without(np.column_stack([P, Z])).T], axis=2)
+            self.effects = RandomEffects.of(P, Z, y, applied, self.alpha, effects[1], F.shape[1])
+            sizes = self.effects.sizes.reshape(-1, applied.shape[2])
+            self.alpha, self.shrunk = self.effects.alphas.reshape(-1, len(y)), sizes[:, : P.shape[1]]
+            of_runs = sizes @ (F.T @ np.column_stack([P, Z])).T
+        elif runs is not None and len(np.unique(runs)) > 1:
             of_runs = self._add_run_biases(contrasts(runs), y)
         # H alpha + F beta = y, with the runs' biases, and F^T alpha = 0
         coefficients = (F.T @ y - self.alpha @ across.T - of_runs) @ self.border.back.T
@@ -163,6 +199,8 @@ class EigenPath:
         if self.low_rank:
             blocks = self.c[:, None, None] * (np.eye(len(rows)) - blocks)
         blocks -= self.shares[:, None, None] * (border @ border.T)
+        if self.effects is not None:
+            return self.effects.leave_out(blocks, rows).reshape(-1, len(rows))
         if self.runs is not None:
             blocks -= self.runs[:, rows] @ self.runs[:, rows].transpose(0, 2, 1)
         return np.asarray(np.linalg.solve(blocks, self.alpha[:, rows, None])[:, :, 0])
@@ -186,9 +224,19 @@ class TridiagonalPath:
     runs : ndarray, shape (n,), optional
     border : Border, optional
         By default the intercept alone.
+    effects : tuple of ndarray, shape (n, k), and tuple of float, optional
+        Columns whose coefficients have a prior, and its sizes.
     """
 
-    def __init__(self, gram: Array, y: Array, c: Array, runs: npt.NDArray[Any] | None = None, border: Border | None = None) -> None:
+    def __init__(
+        self,
+        gram: Array,
+        y: Array,
+        c: Array,
+        runs: npt.NDArray[Any] | None = None,
+        border: Border | None = None,
+        effects: Effects = None,
+    ) -> None:
         own = Border.of(np.empty((len(y), 0))) if border is None else border
         level, _ = own.project(gram)
         factor = _low_rank_factor_if_likely(gram, max(0.4 * len(y) * np.finfo(np.float64).eps * level, _DROPPED / float(c.max())))
@@ -202,10 +250,13 @@ class TridiagonalPath:
         # C = H'^-1 - W W^T, W of the border and of the runs' biases
         shares = np.sqrt(1.0 / (level + 1.0 / c))
         self.W = shares[:, None, None] * own.basis
-        Z = np.empty((len(y), 0)) if runs is None else contrasts(runs)
-        applied = self._applied(own.without(np.column_stack([y, Z])))
+        P, Z = np.empty((len(y), 0)) if effects is None else effects[0], _contrasts(runs, len(y))
+        applied = self._applied(own.without(np.column_stack([y, P, Z])))
         self.alpha = applied[:, :, 0]
-        if Z.shape[1]:
+        self.effects: RandomEffects | None = None
+        if effects is not None:
+            self.effects = RandomEffects.of(P, Z, y, applied[:, :, 1:], self.alpha, effects[1], own.basis.shape[1])
+        elif Z.shape[1]:
             of_runs = Z.T @ applied
             g, M = of_runs[:, :, 0], of_runs[:, :, 1:]
             rows = len(y) - own.basis.shape[1] + 1
@@ -224,26 +275,33 @@ class TridiagonalPath:
         return np.ascontiguousarray(applied.transpose(2, 0, 1))
 
     def leave_out(self, rows: npt.NDArray[np.intp]) -> Array:
-        """Residuals of a fold that is left out, shape (m, rows)."""
-        residuals = np.empty((len(self.scales), len(rows)))
+        """Residuals of a fold that is left out, shape (m, rows), or (priors * m, rows)."""
+        priors = 1 if self.effects is None else len(self.effects.roots)
+        residuals = np.empty((priors, len(self.scales), len(rows)))
         columns = self.basis[:, rows]
-        batch = min(len(residuals), max(1, _BATCH // columns.size))
+        batch = min(len(self.scales), max(1, _BATCH // columns.size))
         if self.work.size < batch * columns.size:  # reused between folds: new memory costs as much as filling it
             self.work = np.empty(batch * columns.size)
-        for first in range(0, len(residuals), batch):
+        for first in range(0, len(self.scales), batch):
             part = slice(first, first + batch)
-            z = self.work[: len(residuals[part]) * columns.size].reshape(-1, *columns.shape)
+            z = self.work[: len(self.scales[part]) * columns.size].reshape(-1, *columns.shape)
             self.recur(columns, self.scales[part], self.steps[part], z)
             blocks = z.transpose(0, 2, 1) @ z
             if self.low_rank:
                 blocks = self.c[part, None, None] * (np.eye(len(rows)) - blocks)
             W = self.W[part, rows]
             blocks -= W @ W.transpose(0, 2, 1)
-            if len(rows) <= _SMALL_FOLD:
-                self.eliminate(blocks, np.ascontiguousarray(self.alpha[part, rows]), residuals[part])
+            if self.effects is not None:
+                residuals[:, part] = self.effects.leave_out(blocks, rows, part)
+            elif len(rows) <= _SMALL_FOLD:
+                self.eliminate(blocks, np.ascontiguousarray(self.alpha[part, rows]), residuals[0, part])
             else:
-                residuals[part] = np.linalg.solve(blocks, self.alpha[part, rows, None])[:, :, 0]
-        return residuals
+                residuals[0, part] = np.linalg.solve(blocks, self.alpha[part, rows, None])[:, :, 0]
+        return residuals.reshape(-1, len(rows))
+
+
+def _contrasts(runs: npt.NDArray[Any] | None, rows: int) -> Array:
+    return np.empty((rows, 0)) if runs is None else contrasts(runs)
 
 
 @compiled()
