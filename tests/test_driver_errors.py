@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Form, Region
-from rlgcomp.numerics.readings import Readings, noise_variance, readings_of, rounding_step, smoothed
+from rlgcomp.numerics.readings import Readings, bin_of_each, noise_variance, readings_of, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -84,6 +84,39 @@ def test_the_course_behind_rounded_readings_is_nearer_the_driver(noise: float, d
     assert left.mean() < 0.5 * np.mean((read - driver) ** 2)
     stated = float(np.mean(readings.variance + readings.rounding))
     assert left.mean() < 2.0 * stated < 1.2 / 12.0
+
+
+@pytest.mark.parametrize("samples", [6000, 5997])  # the last bin is full or not
+def test_a_warm_up_read_in_whole_kelvin_is_known_to_a_fiftieth(samples: int) -> None:
+    rng = np.random.default_rng(4)
+    time = np.arange(samples, dtype=np.float64)
+    driver = -5.0 + 55.0 * (1.0 - np.exp(-time / 2200.0))
+    read = np.round(driver + 0.05 * rng.standard_normal(samples))
+    middles = np.arange(1200) * 5.0 + 2.0
+    bins = bin_of_each(time, middles)
+    binned, true = (np.bincount(bins, one)[:1200] / np.bincount(bins)[:1200] for one in (read, driver))
+    alone = Readings.of(read, binned, bins, diffuses=True)
+    assert alone.course is not None
+    assert alone.course.readings.noise == pytest.approx(0.05**2, rel=0.7)
+    course = alone.following([])
+    left = course.values - true
+    assert np.std(binned - true) > 0.08
+    assert np.std(left) < min(0.02, 0.5 * float(np.std(alone.values - true)))
+    assert np.mean(left**2) < 3.0 * np.mean(course.variance)
+
+
+def test_bins_of_samples() -> None:
+    assert bin_of_each(np.array([0.0, 1.0, 2.0, 3.0, 5.0, 6.0, 7.0, 9.0]), np.array([1.0, 4.0, 7.0])).tolist() == [
+        0,
+        0,
+        0,
+        1,
+        1,
+        2,
+        2,
+        3,
+    ]
+    assert bin_of_each(np.arange(12.0), np.array([1.0, 4.0, 10.0])) is None  # a bin is missing
 
 
 def test_noise_that_dithers_is_smoothed() -> None:

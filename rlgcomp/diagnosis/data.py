@@ -20,7 +20,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
-from rlgcomp.numerics.readings import Readings, readings_of
+from rlgcomp.numerics.readings import Readings, bin_of_each, readings_of
 from rlgcomp.recording import TIME, Recording
 from rlgcomp.recording.motion import ANGLES, RATE
 from rlgcomp.recording.stuck_channels import by_column, stuck_segments
@@ -170,10 +170,12 @@ class Run:
         fixed = {TIME, *binned.gyro_columns, *outputs}
         listed = [column for column in binned.columns if column in whole and column not in fixed]
         monitors = [column for column in listed if column not in (RATE, *ANGLES)]  # a table may jump
-        readings = readings_of(*({column: one.column(column) for column in monitors} for one in (whole, binned)))
+        bin_of = bin_of_each(whole.time_s, binned.time_s)
+        recorded, means = ({column: one.column(column) for column in monitors} for one in (whole, binned))
+        readings = readings_of(recorded, means, bin_of)
         smooth = {column: one.values for column, one in readings.items()}
         readings |= {
-            column: Readings.of(whole.column(column), binned.column(column)) for column in listed if column not in monitors
+            column: Readings.of(whole.column(column), binned.column(column), bin_of) for column in listed if column not in monitors
         }
         binned = binned.replace(table=binned.table.assign(**smooth))
         place = np.rint((binned.time_s - binned.time_s[0]) / grid.bin_s).astype(np.intp)

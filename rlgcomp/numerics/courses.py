@@ -31,10 +31,15 @@ import numpy.typing as npt
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
-_NOISES: Final = (0.02, 0.1, 0.3)  # of a step, that are tried where steps hide the noise
+_NOISE: Final = 0.1  # of a step, that is tried first where steps hide the noise
+_NOISES: Final = (0.02, 0.4)  # least and most; below it steps are too sharp for normal readings, above it means are what is read
+_NOISE_RATIO: Final = 4.0
+_NOISE_KNOWN: Final = 1.3  # ratio to which it is found
 _ROUNDS: Final = 5  # of all readings, at each intensity of the walk
 _DAMPING: Final = 0.6  # of what a round changes
 _RATIO: Final = 4.0  # of intensities that are tried
+_LOWER: Final = 6  # intensities at which courses to follow are ranked
+_STEEP: Final = 16.0  # and their ratio
 _ROUGH: Final = 1.0 / 64.0  # of the intensity at which the course follows each reading; the search begins there
 _SMOOTHEST: Final = 1e-16  # least intensity over the square of a step or of the noise
 _ROUGHEST: Final = 1e8
@@ -99,16 +104,34 @@ class Course:
         step : float
             Above zero.
         """
-        first = _Readings(readings, step, (_NOISES[1] * step) ** 2, np.empty((len(readings), 0)))
+        first = _Readings(readings, step, (_NOISE * step) ** 2, np.empty((len(readings), 0)))
         best = cls._climbed(first, first.rough)
-        for share in (_NOISES[0], *_NOISES[2:]):
-            other = cls._climbed(dataclasses.replace(first, noise=(share * step) ** 2), best.intensity)
-            best = max(best, other, key=lambda course: course.log_evidence)
-        return best
+        intensity, ratio, tried = best.intensity, _NOISE_RATIO, {first.noise: best.log_evidence}
+        while ratio > _NOISE_KNOWN:
+            noise = max(tried, key=lambda one: tried[one])
+            for other in np.clip((noise / ratio**2, noise * ratio**2), (_NOISES[0] * step) ** 2, (_NOISES[1] * step) ** 2):
+                if other not in tried:
+                    tried[other] = dataclasses.replace(first, noise=other).posterior(intensity)[-1]
+            if noise == max(tried, key=lambda one: tried[one]):
+                ratio = math.sqrt(ratio)
+        noise = max(tried, key=lambda one: tried[one])
+        return best if noise == first.noise else cls._climbed(dataclasses.replace(first, noise=noise), intensity)
 
     def following(self, expected: Array) -> Self:
-        """The course as one that may follow others, with weights of variance one, shape (n, k); what is left of it is smooth."""
+        """The course as one that may follow others, with weights of variance one, shape (n, k); what is left of it is smooth.
+
+        They begin with 0, as the prior of the first value is that of this course.
+        """
         return self._climbed(dataclasses.replace(self.readings, expected=expected), self.intensity)
+
+    def gains_of(self, columns: Array) -> Array:
+        """What other courses to follow, shape (n, k), add to the log evidence, each by itself beside those that are followed.
+
+        At the likeliest of lower intensities. Readings stay the normal ones that they are here, so it is close and no more.
+        """
+        lower = self.intensity * _STEEP ** -np.arange(_LOWER + 0.0)
+        found = np.array([self.readings.evidence_with(columns, intensity) for intensity in lower])
+        return np.asarray(np.max(found[:, 1:], axis=0) - found[0, 0])
 
     def covariances(self, groups: npt.NDArray[np.intp], count: int) -> tuple[Array, Array]:
         r"""Covariances of the errors of means over groups of readings, of the value and of the rate, shape (count, count) each.
@@ -183,14 +206,18 @@ class _Readings:
         """An intensity that is rather too large."""
         return _ROUGH * max(float(np.mean(np.diff(self.values, 2) ** 2)), self.scale)
 
+    @property
+    def _spread(self) -> float:
+        """Variance of the first value, and of the first rate."""
+        return float(np.max(np.diff(self.values) ** 2)) + self.scale
+
     def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, Array, float]:
         """Means, variances, gains, moments, responses and log evidence; the normal readings stay as they came out."""
         n, first = len(self.values), self.values[0]
         filtered, gains, moments = np.empty((n, 9)), np.zeros((n, 4)), np.empty((n, 3))
-        spread = float(np.max(np.diff(self.values) ** 2)) + self.scale  # of the first value, and of the first rate
         means, variances, responses, log_evidence = self.values, self.values, np.empty((n, 0)), 0.0
         for _ in range(_ROUNDS if self.step else 1):
-            _filter(self.precisions, intensity, spread, filtered)
+            _filter(self.precisions, intensity, self._spread, filtered)
             _smooth(filtered, gains, moments)
             innovations, smooth = self._response(self.shifts / self.precisions - first, filtered, gains)
             log_evidence = -0.5 * float(np.sum(np.log(2.0 * math.pi * filtered[:, 0])) + innovations @ innovations)
@@ -206,6 +233,21 @@ class _Readings:
             if self.step:
                 log_evidence += _replace_all(self.values, self.step, self.noise, means, variances, self.shifts, self.precisions)
         return means, variances, gains, moments, responses, log_evidence
+
+    def evidence_with(self, columns: Array, intensity: float) -> Array:
+        """Log evidence of the normal readings without, and with each of other courses to follow, shape (1 + k,)."""
+        filtered, followed = np.empty((len(self.values), 9)), self.expected.shape[1]
+        _filter(self.precisions, intensity, self._spread, filtered)
+        innovations = np.column_stack([self.expected, self.shifts / self.precisions - self.values[0], columns])
+        _innovate(innovations, filtered)
+        products = innovations.T @ innovations
+        F = np.eye(followed) + products[:followed, :followed]
+        beside = products[followed:, followed:] - products[followed:, :followed] @ np.linalg.solve(
+            F, products[:followed, followed:]
+        )
+        own = 1.0 + np.diag(beside)[1:]
+        without = -0.5 * float(np.sum(np.log(filtered[:, 0])) + np.linalg.slogdet(F)[1] + beside[0, 0])
+        return without + np.concatenate([[0.0], 0.5 * beside[0, 1:] ** 2 / own - 0.5 * np.log(own)])
 
     def _response(self, column: Array, filtered: Array, gains: Array) -> tuple[Array, Array]:
         """Innovations of a column over their standard deviations, and its smooth; shapes (n,)."""
@@ -277,6 +319,20 @@ def _respond(column: Array, filtered: Array, gains: Array, innovations: Array, s
         value = states[k, 2] + gains[k, 0] * off_v + gains[k, 1] * off_r
         rate = states[k, 3] + gains[k, 2] * off_v + gains[k, 3] * off_r
         smooth[k] = value
+
+
+@compiled()
+def _innovate(table: Array, filtered: Array) -> None:
+    """Each column becomes its innovations over their standard deviations."""
+    values, rates = np.zeros(table.shape[1]), np.zeros(table.shape[1])
+    for k in range(len(table)):
+        over = 1.0 / math.sqrt(filtered[k, 0])
+        for j in range(table.shape[1]):
+            value = values[j] + rates[j]
+            off = table[k, j] - value
+            table[k, j] = off * over
+            values[j] = value + filtered[k, 1] * off
+            rates[j] += filtered[k, 2] * off
 
 
 @compiled()

@@ -40,8 +40,10 @@ _HIDDEN: Final = 0.08  # of a step's square, in variance: noise that steps hide
 _DITHERED: Final = 0.24  # from which on means of readings are those of what is read
 _OF_BIN: Final = 3  # readings of each bin
 _SHORTEST_LAG: Final = 4.0  # bins
-_LONGEST_LAG: Final = 3.0  # of a run, its share
-_LAGS_OF_HEAT: Final = 5
+_LAGS_OF_HEAT: Final = 9  # up to a run
+_HALVINGS: Final = 6  # of the ratio between them, about the likeliest
+_MOST_FOLLOWED: Final = 4
+_FOLLOWED: Final = 3.0  # nats that another lag is to bring, for there are as many of them as e^3
 _WEIGHT: Final = 2.0  # of such a lag, as a share of the course
 _JUMP: Final = 6.0  # standard deviations of the noise, by which no temperature leaves its course
 
@@ -79,7 +81,7 @@ class Readings:
     each: int = 1
 
     @classmethod
-    def of(cls, full: Array, binned: Array, *, diffuses: bool = False) -> Self:
+    def of(cls, full: Array, binned: Array, bin_of: IntArray | None = None, *, diffuses: bool = False) -> Self:
         """Readings of a column.
 
         Parameters
@@ -87,20 +89,21 @@ class Readings:
         full : ndarray, shape (samples,)
         binned : ndarray, shape (bins,)
             Their means over bins.
+        bin_of : ndarray of int, shape (samples,), optional
+            Bin of each sample, ascending; below 0 and from `bins` on outside of all. By default bins of as many samples each.
         diffuses : bool
             It is a temperature: its course is smooth.
         """
         step, bins = rounding_step(full), len(binned)
         noise = 0.0 if step and len(np.unique(full)) < _LEVELS else noise_variance(full)  # states have none
-        rows = max(1, round(len(full) / bins))
-        whole = rows * bins <= len(full) and np.allclose(
-            bin_means(full, bins, rows), binned, rtol=0.0, atol=1e-6 * max(step, np.ptp(full))
-        )
+        if bin_of is None and (rows := max(1, round(len(full) / bins))) * bins <= len(full):
+            bin_of = np.minimum(np.arange(len(full)) // rows, bins)
         hidden = noise < (_DITHERED if diffuses else _HIDDEN) * step**2
-        if hidden and whole and _few_steps(full, step, diffuses):
-            each = min(rows, _OF_BIN)
-            chosen = full[: rows * bins].reshape(bins, rows)[:, ((np.arange(each) + 0.5) * rows / each).astype(np.intp)]
-            course = Course.of_rounded(chosen.ravel(), step)
+        if hidden and bin_of is not None and _few_steps(full, step, diffuses):
+            starts = np.searchsorted(bin_of, np.arange(bins + 1))
+            each = int(np.clip(np.min(np.diff(starts)), 1, _OF_BIN))
+            places = starts[:-1, None] + (np.arange(each) + 0.5) / each * np.diff(starts)[:, None]
+            course = Course.of_rounded(full[places.astype(np.intp)].ravel(), step)
             if np.isfinite(course.log_evidence):
                 return cls._behind(course, each)
         of_bin = noise * bins / len(full)
@@ -124,16 +127,32 @@ class Readings:
         ----------
         others : sequence of ndarray, shape (bins,)
         """
-        if self.course is None or not others:
+        if self.course is None:
             return self
         bins = np.arange(len(self.values), dtype=np.float64)
-        times = np.geomspace(_SHORTEST_LAG, max(len(bins) / _LONGEST_LAG, 2.0 * _SHORTEST_LAG), _LAGS_OF_HEAT)
-        columns = [*(lag(other, bins, time) for other in others for time in times), *(np.exp(-bins / time) for time in times)]
-        spread = _WEIGHT * float(np.std(self.values))
-        expected = np.column_stack([spread * (column - column.mean()) / column.std() for column in columns])
         at = (np.arange(len(bins) * self.each) + 0.5) / self.each - 0.5
-        course = self.course.following(np.column_stack([np.interp(at, bins, column) for column in expected.T]))
-        return self._behind(course, self.each) if course.log_evidence > self.course.log_evidence else self
+        spread = _WEIGHT * float(np.std(self.values))
+
+        def columns(ways: Sequence[tuple[int, float]]) -> Array:
+            found = [np.exp(-bins / time) if place < 0 else lag(others[place], bins, time) for place, time in ways]
+            return np.column_stack([np.interp(at, bins, spread * (one - one[0]) / one.std()) for one in found])
+
+        grid = np.geomspace(_SHORTEST_LAG, max(len(bins), 2.0 * _SHORTEST_LAG), _LAGS_OF_HEAT)
+        course = self.course
+        for _ in range(_MOST_FOLLOWED):
+            tried: dict[tuple[int, float], float] = {}
+            ways, ratio = [(place, time) for place in range(-1, len(others)) for time in grid], grid[1] / grid[0]
+            for _ in range(_HALVINGS):
+                tried |= dict(zip(ways, course.gains_of(columns(ways)), strict=True))
+                best, ratio = max(tried, key=lambda way: tried[way]), math.sqrt(ratio)
+                ways = [(best[0], best[1] / ratio), (best[0], best[1] * ratio)]
+            if not tried[best] > _FOLLOWED:
+                break
+            found = course.following(np.column_stack([course.readings.expected, columns([best])]))
+            if not found.log_evidence > course.log_evidence + _FOLLOWED:  # or it is not a number
+                break
+            course = found
+        return self if course is self.course else self._behind(course, self.each)
 
     def covariances(self, window: IntArray, count: int) -> tuple[Array, Array] | None:
         """Covariances over windows of the errors of a course and of its rate over one bin; None where it is no posterior.
@@ -155,7 +174,24 @@ def diffuses(column: str) -> bool:
     return column.startswith("temperature_")
 
 
-def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[str, Readings]:
+def bin_of_each(time_s: Array, middles_s: Array) -> IntArray | None:
+    """Bin of each sample, below 0 and from the number of bins on outside of all; None where bins are missing.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (samples,)
+    middles_s : ndarray, shape (bins,)
+        Middles of consecutive bins.
+    """
+    if len(middles_s) == len(time_s):
+        return np.arange(len(time_s))
+    steps = np.diff(middles_s)
+    if np.ptp(steps) > 0.5 * np.median(steps):
+        return None
+    return np.searchsorted(np.append(middles_s, middles_s[-1] + steps[-1]) - 0.5 * steps[0], time_s, side="right") - 1
+
+
+def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array], bin_of: IntArray | None = None) -> dict[str, Readings]:
     """Readings of columns of one run, those that have noise together: several may read one quantity.
 
     Parameters
@@ -163,8 +199,10 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array]) -> dict[
     full : mapping of str to ndarray, shape (samples,)
     binned : mapping of str to ndarray, shape (bins,)
         Their means over bins.
+    bin_of : ndarray of int, shape (samples,), optional
+        As of :meth:`Readings.of`.
     """
-    found = {name: Readings.of(full[name], values, diffuses=diffuses(name)) for name, values in binned.items()}
+    found = {name: Readings.of(full[name], values, bin_of, diffuses=diffuses(name)) for name, values in binned.items()}
     spreads = {name: spread for name, one in found.items() if (spread := float(np.std(one.values))) > 0.0}  # finite ones alone
     thermometers = [name for name in spreads if diffuses(name)]
     followed = {

@@ -12,7 +12,7 @@ import numpy as np
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import play_paths
-from rlgcomp.numerics.readings import readings_of
+from rlgcomp.numerics.readings import bin_of_each, readings_of
 from rlgcomp.numerics.relays import STARTS, relay_states, states_before
 from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import TIME, Recording
@@ -253,6 +253,7 @@ def _smooth(recording: Recording, means: Recording) -> dict[str, Array]:
     of_bins = _SMOOTH.setdefault(recording, {})
     if len(means) not in of_bins:
         names = [name for name in means.columns if name not in (TIME, *TURNING, *means.gyro_columns)]
-        read = readings_of(*({name: one.column(name) for name in names} for one in (recording, means)))
+        full, binned = ({name: one.column(name) for name in names} for one in (recording, means))
+        read = readings_of(full, binned, bin_of_each(recording.time_s, means.time_s))
         of_bins[len(means)] = {name: one.values for name, one in read.items()}
     return of_bins[len(means)]
