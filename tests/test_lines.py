@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.data import Grid
@@ -70,3 +72,32 @@ def test_the_amplitude_of_a_line_may_follow_a_column() -> None:
     assert diagnosis.test is not None
     assert diagnosis.test.augmented_rms < 1.3 * diagnosis.test.noise_floor_rms
     assert diagnosis.file_rms == pytest.approx(diagnosis.test.augmented_rms, rel=0.1)
+
+
+def smooth(run: rlg.Recording, k: int) -> Array:
+    """Two or three turns a run, others in each."""
+    found = gaussian_filter1d(np.random.default_rng(k).standard_normal(len(run)), 60.0)
+    return np.asarray(0.02 * found / np.std(found))
+
+
+def oscillating(run: rlg.Recording, k: int) -> Array:
+    """Four cycles a run, whose phase strays by radians."""
+    u = run.time_s / 13800.0
+    stray = 2.5 * np.sin(2.0 * np.pi * (1.3 * u + 0.4 * k)) + 2.1 * k
+    return np.asarray(0.02 * np.sin(2.0 * np.pi * 4.0 * u + stray))
+
+
+@pytest.mark.parametrize("stray", [smooth, oscillating])
+def test_what_keeps_its_phase_for_less_than_a_cycle_is_no_line(
+    stray: Callable[[rlg.Recording, int], Array], tmp_path: Path
+) -> None:
+    diagnosis = diagnosed(stray)
+    assert diagnosis.verdict == "unknown"
+    assert not diagnosis.members
+    assert diagnosis.decision.wander
+    found = diagnosis.to_mapping()
+    assert found["unexplained"]["drivers"] == []
+    assert diagnosis.slow_error_rms == pytest.approx(0.02 / np.sqrt(2.0), rel=1.5)
+    diagnosis.save(tmp_path)
+    diagnosis.report(tmp_path / "report.html")
+    assert "periodic_interference" not in diagnosis.messages[0].text

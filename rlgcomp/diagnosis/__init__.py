@@ -16,6 +16,7 @@ Rooms, each importing only from those before it:
     terms       forms and regions: a mechanism is the name of a region
     setting     what builders of regions read
     loops       families of relays: hysteresis and mode hops
+    waves       lines that a residual proposes, and smooth wanders
     regions     the regions that are searched
     baseline    the simulator, linearised in its free numbers
     turning     rows and regions where a table turns

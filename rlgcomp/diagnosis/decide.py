@@ -9,7 +9,7 @@ from typing import Final, Literal
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import MemoryClass, Region
+from rlgcomp.diagnosis.terms import WANDER, MemoryClass, Region
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
 VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
@@ -101,7 +101,8 @@ def decided(posterior: Posterior) -> Decision:
     if latent == "telegraph":
         named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
-    wanders = latent == "wander" and best.noise.wander > priors.DISCREPANCY * max((m.size for m in best.members), default=0.0)
+    largest = max((member.size for member in best.members if member.form.region != WANDER), default=0.0)
+    wanders = latent == "wander" and best.wander > priors.DISCREPANCY * largest
     if laws or wanders:
         drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
         return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders)

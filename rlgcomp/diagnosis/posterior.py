@@ -68,7 +68,7 @@ class Posterior:
             best = search.with_fewer_beside(best)
             assert best.telegraph is not None  # noqa: S101
             path = best.telegraph.path
-            if best.log_posterior < top - (_INSTEAD if states[0].noise.wander else 0.0):
+            if best.log_posterior < top - (_INSTEAD if states[0].wander else 0.0):
                 break
             if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
                 break

@@ -221,7 +221,7 @@ class Record:
     def slow_error_rms(self) -> float:
         """Standard deviation of the slow error of no recorded column that the likeliest set has; zero without one."""
         latent = self.posterior.effects_of(self.posterior.best)[1] == "wander" and self.verdict != "none"
-        return self.after.white * self.after.state.noise.wander if latent or self.decision.wander else 0.0
+        return self.after.white * self.after.state.wander if latent or self.decision.wander else 0.0
 
     @functools.cached_property
     def alternatives(self) -> tuple[Alternative, ...]:

@@ -10,12 +10,10 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Final
-
-import numpy as np
+from typing import Final
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, EachRun, Magnitude, Own, Power, Product, Shift, Smooth
+from rlgcomp.diagnosis.bases import Basis, Magnitude, Own, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, with_relays
@@ -23,8 +21,9 @@ from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
 from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
-from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
-from rlgcomp.diagnosis.times import Following, Modulated, Since, SmoothSince, Wave
+from rlgcomp.diagnosis.terms import WANDER, Family, Form, Region, forms_of
+from rlgcomp.diagnosis.times import Since, SmoothSince
+from rlgcomp.diagnosis.waves import lines, wanders
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
@@ -187,72 +186,6 @@ _THERMAL: Final[Mapping[str, tuple[Callable[[Setting], list[Family]], str]]] = {
     "ageing": (_ageing, "none"),
 }
 
-# --- lines -----------------------------------------------------------------------------------------------------------------------
-
-_CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
-_OVERSAMPLING: Final = 3  # frequencies in each resolution cell
-_PEAKS: Final = 2
-_HARMONICS: Final = 3
-_MODULATIONS: Final = (6, 16)  # knots of a run, of a wave whose frequency wanders
-
-
-def _lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
-    """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each.
-
-    One of one phase may have an amplitude that follows a recorded column, as of a source on the supply that is recorded.
-    """
-    data, grid = setting.data, setting.data.runs[0].grid
-    longest = max(len(run.full) for run in data.runs)
-    cells = _OVERSAMPLING * longest
-    step_hz = 1.0 / (cells * grid.window_s)
-    places = np.arange(_CYCLES * _OVERSAMPLING, cells // 2)
-    names = tuple(run.name for run in data.runs)
-    log_share = -math.log(2.0 * max(1, len(places)))
-    columns = [Path(Driver.of(data, column)) for column in data.columns]
-
-    def forms(frequency_hz: float, each: bool, knots: int = 0) -> Form:
-        def wave(times: float) -> Basis:
-            one = Wave(times * frequency_hz, step_hz)
-            return EachRun(one, names) if each else one
-
-        def harmonics_of() -> tuple[Basis, ...]:
-            return tuple(wave(float(k)) for k in range(2, _HARMONICS + 1))
-
-        sides = () if each else (Wave(frequency_hz, step_hz, True),)
-        phase = "of a phase in each run" if each else "of one phase"
-        if knots:
-            wandering = EachRun(Modulated(Wave(frequency_hz, step_hz), knots), names)
-            return Form(key, "b = wave of a frequency that wanders about frequency_hz", (wandering,), harmonics_of(), (), log_share)
-        return Form(key, f"b = wave of frequency_hz, {phase}", (wave(1.0),), (*harmonics_of(), *sides), (), log_share)
-
-    def following(frequency_hz: float, by: Path) -> Form:
-        wave = Following(Wave(frequency_hz, step_hz), by)
-        plain = forms(frequency_hz, False)
-        equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
-        return dataclasses.replace(plain, equation=equation, lead=(wave,), log_share=log_share - math.log(len(columns)))
-
-    def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
-        transforms = []
-        for run, rows in zip(data.runs, data.slices, strict=True):
-            even = np.zeros(cells)
-            even[run.windows] = residual[rows]
-            transforms.append(np.fft.rfft(even)[places])
-        found = []
-        for each, power in (
-            (False, np.abs(np.sum(transforms, axis=0)) ** 2),
-            (True, np.sum(np.abs(transforms) ** 2, axis=0)),
-        ):
-            for _ in range(_PEAKS if len(places) else 0):
-                k = int(np.argmax(power))
-                found += [forms(float(places[k] + shift) * step_hz, each) for shift in (-0.5, 0.0, 0.5)]
-                found += [forms(float(places[k]) * step_hz, True, knots) for knots in _MODULATIONS if each]
-                found += [following(float(places[k]) * step_hz, by) for by in columns if not each]
-                power[max(0, k - 3 * _OVERSAMPLING) : k + 3 * _OVERSAMPLING + 1] = 0.0
-        return tuple(found)
-
-    return propose
-
-
 _GROW: Final = {"thermal_hysteresis": more_relays, "thermal_lag": _more_lags, "mode_hop": more_hops}
 _ABSORB: Final = {"thermal_hysteresis": with_relays}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
@@ -278,8 +211,8 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
     for name, mechanism in catalogue.items():
         if name in present or not mechanism.is_candidate("chamber"):
             continue
-        if "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}:
-            yield Region(name, name, _NAMED, (), (), "none", propose=_lines(setting, name))
+        if _has_frequency(mechanism):
+            yield Region(name, name, _NAMED, (), (), "none", propose=lines(setting, name))
         elif name in _THERMAL:
             builder, memory = _THERMAL[name]
             if memory != "none" and not setting.has_thermometer:
@@ -297,6 +230,13 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
             if readable and all(column in setting.data.columns for column in columns):
                 yield _of_monitors(setting, name, mechanism, columns)
+    if any(_has_frequency(mechanism) for mechanism in catalogue.values()):
+        # a set that holds it has a wander beside its effects, as one whose noise wanders
+        yield Region(WANDER, None, _NAMED, (), (), "none", propose=wanders(setting), nuisance=True)
+
+
+def _has_frequency(mechanism: type[Mechanism]) -> bool:
+    return "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}
 
 
 def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism], columns: tuple[str, ...]) -> Region:

@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.members import WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout
 from rlgcomp.diagnosis.telegraph import Telegraph
-from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.terms import WANDER, Form, Region
 from rlgcomp.diagnosis.variants import gains
 
 Latent = Literal["", "wander", "telegraph"]
@@ -67,8 +67,13 @@ class State:
     @property
     def key(self) -> Key:
         """The regions, and what unrecorded there is beside them."""
-        latent: Latent = "telegraph" if self.telegraph else "wander" if self.noise.wander else ""
-        return frozenset(member.form.region for member in self.members), latent
+        latent: Latent = "telegraph" if self.telegraph else "wander" if self.wander else ""
+        return frozenset(member.form.region for member in self.members) - {WANDER}, latent
+
+    @property
+    def wander(self) -> float:
+        """Size of what wanders unrecorded, roughly or smoothly, over the white noise."""
+        return max([self.noise.wander, *(member.size for member in self.members if member.form.region == WANDER)])
 
 
 class States(Members):

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,8 @@ from rlgcomp.diagnosis.hashed import Hashed
 
 Array = npt.NDArray[np.float64]
 
+WANDER: Final = "wander"
+"""Key of the region of something unrecorded that wanders smoothly; what wanders roughly is a hypothesis of the noise."""
 MemoryClass = Literal["static", "dynamic", "rate-independent", "none"]
 
 

@@ -124,6 +124,15 @@ class Modulated(Basis):
 
 
 @dataclasses.dataclass(frozen=True)
+class Wide(Modulated):
+    """The same with a spectrum so wide that its frequency is not polished: it would become a line."""
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        del step
+        return ()
+
+
+@dataclasses.dataclass(frozen=True)
 class Following(Basis):
     """A wave, and the same wave times a recorded column: its amplitude follows the column, or its phase does."""
 

@@ -1,0 +1,140 @@
+"""Waves that a residual proposes: lines, whose spectrum is narrow, and what turns some times in a run and is none.
+
+A wave whose frequency wanders is the narrower the longer it keeps its phase. Where that spectrum is as wide as its frequency
+is high it is a smooth function of the time in each run: something unrecorded that wanders, and not a source of a period.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.bases import Basis, EachRun
+from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.setting import Setting
+from rlgcomp.diagnosis.terms import WANDER, Form
+from rlgcomp.diagnosis.times import Following, Modulated, Wave, Wide
+
+_CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
+_OVERSAMPLING: Final = 3  # frequencies in each resolution cell
+_PEAKS: Final = 2
+_HARMONICS: Final = 3
+_MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency wanders
+_WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
+_QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Waves:
+    """Frequencies of the waves that runs can show, and the waves at them."""
+
+    data: Data
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(run.name for run in self.data.runs)
+
+    @functools.cached_property
+    def cells(self) -> int:
+        return _OVERSAMPLING * max(len(run.full) for run in self.data.runs)
+
+    @property
+    def step_hz(self) -> float:
+        return 1.0 / (self.cells * self.data.runs[0].grid.window_s)
+
+    @functools.cached_property
+    def places(self) -> npt.NDArray[np.intp]:
+        """In steps."""
+        return np.arange(_CYCLES * _OVERSAMPLING, self.cells // 2)
+
+    @property
+    def log_share(self) -> float:
+        """Of a form at one place, be it a line or wider: the prior does not jump where the name does."""
+        return -math.log(2.0 * max(1, len(self.places)))
+
+    def one(self, place: float, times: float = 1.0) -> Wave:
+        return Wave(times * place * self.step_hz, self.step_hz)
+
+    def modulated(self, place: float, knots: int) -> EachRun:
+        """A wave of a frequency that wanders."""
+        of = Modulated if _is_line(place, knots) else Wide
+        return EachRun(of(self.one(place), knots), self.names)
+
+    def peaks(self, residual: np.ndarray[Any, Any], each: bool) -> Iterator[int]:
+        """Places of the highest peaks of the periodogram, of all runs together or with a phase in each."""
+        transforms = []
+        for run, rows in zip(self.data.runs, self.data.slices, strict=True):
+            even = np.zeros(self.cells)
+            even[run.windows] = residual[rows]
+            transforms.append(np.fft.rfft(even)[self.places])
+        power = np.sum(np.abs(transforms) ** 2, axis=0) if each else np.abs(np.sum(transforms, axis=0)) ** 2
+        for _ in range(_PEAKS if len(self.places) else 0):
+            k = int(np.argmax(power))
+            yield int(self.places[k])
+            power[max(0, k - 3 * _OVERSAMPLING) : k + 3 * _OVERSAMPLING + 1] = 0.0
+
+
+def _is_line(place: float, knots: int) -> bool:
+    """Whether the spectrum of a wave whose frequency wanders is narrow."""
+    return place / _OVERSAMPLING >= _QUALITY * _WIDTH * knots
+
+
+def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
+    """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each.
+
+    One of one phase may have an amplitude that follows a recorded column, as of a source on the supply that is recorded.
+    """
+    waves, data = _Waves(setting.data), setting.data
+    columns = [Path(Driver.of(data, column)) for column in data.columns]
+
+    def harmonics_of(place: float, each: bool) -> tuple[Basis, ...]:
+        found = [waves.one(place, float(k)) for k in range(1, _HARMONICS + 1)]
+        return tuple(EachRun(wave, waves.names) for wave in found) if each else tuple(found)
+
+    def forms(place: float, each: bool) -> Form:
+        first, *higher = harmonics_of(place, each)
+        sides = () if each else (dataclasses.replace(waves.one(place), growing=True),)
+        phase = "of a phase in each run" if each else "of one phase"
+        return Form(key, f"b = wave of frequency_hz, {phase}", (first,), (*higher, *sides), (), waves.log_share)
+
+    def wandering(place: float, knots: int) -> Form:
+        equation = "b = wave of a frequency that wanders about frequency_hz"
+        return Form(key, equation, (waves.modulated(place, knots),), harmonics_of(place, True)[1:], (), waves.log_share)
+
+    def following(place: float, by: Path) -> Form:
+        equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
+        share = waves.log_share - math.log(len(columns))
+        return dataclasses.replace(forms(place, False), equation=equation, lead=(Following(waves.one(place), by),), log_share=share)
+
+    def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
+        found = []
+        for each in (False, True):
+            for place in waves.peaks(residual, each):
+                found += [forms(place + shift, each) for shift in (-0.5, 0.0, 0.5)]
+                found += [wandering(place, knots) for knots in _MODULATIONS if each and _is_line(place, knots)]
+                found += [following(place, by) for by in columns if not each]
+        return tuple(found)
+
+    return propose
+
+
+def wanders(setting: Setting) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
+    """Proposals of what turns some times in a run and is no line, for its spectrum is wide: something unrecorded that wanders."""
+    waves = _Waves(setting.data)
+
+    def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
+        return tuple(
+            Form(WANDER, "b = smooth function of the time in each run", (waves.modulated(place, knots),), (), (), waves.log_share)
+            for place in waves.peaks(residual, True)
+            for knots in _MODULATIONS
+            if not _is_line(place, knots)
+        )
+
+    return propose
