@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rlgcomp.diagnosis.bases import Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import decided
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import Errors, errors_of
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.memories import Relays
@@ -283,6 +284,28 @@ def test_a_law_within_the_region_of_a_named_mechanism_belongs_to_it() -> None:
     assert verdict("readout_incoherence", "rate:readout_a_V")[0] == "unknown"
     assert verdict("readout_incoherence", "loop:pressure_hPa")[0] == "unknown"
     assert verdict("law:readout_a_V")[0] == "unknown"
+
+
+def test_a_small_member_is_a_form_of_one_that_has_no_departures_or_of_another_loop() -> None:
+    """It is told of, and no finding; a static function has its departures in the model, and what shows beside them stands."""
+    drivers = {"scale_factor_nonlinearity": ("table_rate",), "scale_factor_asymmetry": ("table_rate",)}
+    drivers |= {"misalignment": ("table_rate", "table_angle"), "earth_rate_leak": ("table_angle",)}
+    drivers |= {"thermal_hysteresis": ("T",), "mode_hop": ("T",)}
+    loops = {"thermal_hysteresis", "mode_hop"}
+    regions = {key: Region(key, key, 0.0, (), of, "rate-independent" if key in loops else "static") for key, of in drivers.items()}
+    smooth = (Smooth(Path(Driver(("table_rate",)))),)
+
+    def found(**sizes: float) -> tuple[set[str], set[str]]:
+        own = {key: () if key in ("misalignment", "earth_rate_leak") else smooth for key in sizes}
+        state = State(tuple(Member(Form(key, key, (), own[key]), size) for key, size in sizes.items()), Noise(), 0.0)
+        decision = decided(Posterior((state,), regions))
+        return {one.region for one in decision.named}, set(decision.unstated)
+
+    named, unstated = found(misalignment=50.0, scale_factor_nonlinearity=5.0, scale_factor_asymmetry=0.5, earth_rate_leak=1.0)
+    assert named == {"misalignment", "scale_factor_nonlinearity", "scale_factor_asymmetry"}
+    assert unstated == {"earth_rate_leak"}
+    assert found(thermal_hysteresis=50.0, mode_hop=5.0) == ({"thermal_hysteresis"}, {"mode_hop"})
+    assert found(thermal_hysteresis=50.0, mode_hop=7.0) == ({"thermal_hysteresis", "mode_hop"}, set())
 
 
 def test_a_relay_of_a_hop_stays_narrow() -> None:

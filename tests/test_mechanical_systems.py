@@ -96,6 +96,9 @@ def test_a_friction_is_found_with_its_coefficients_and_written(width_m_s: float)
     for name, truth, unit in (("c", 3.0, "N"), ("k", 1.5, "N/(m/s)")):
         assert abs(law.parameters[name].value - truth) < 3.0 * law.parameters[name].sd
         assert law.parameters[name].unit == unit
+    if width_m_s:
+        assert abs(law.parameters["w"].value - width_m_s) < 4.0 * law.parameters["w"].sd
+        assert law.parameters["w"].unit == "m/s"
     assert found.augmented_file.left_out == ()
     assert found.augmented_file.error < 0.5
 

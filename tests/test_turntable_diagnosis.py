@@ -13,6 +13,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.drivers import Path
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.turning import RatePower, TableRate, with_angle_rows
+from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.misalignment import Misalignment
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -65,6 +66,11 @@ def test_augmented_file_holds_what_is_named_of_a_table(missing: dict[str, Any]) 
     without_noise = test.truth[["scale_factor", *missing]].sum(axis=1) + BASE.nominal_deg_h(test)
     off, before = (np.std(one.predict(test).rate_deg_h() - without_noise) for one in (found.augmented, found.calibrated))
     assert off < 0.3 * before
+    (cause,) = found.causes
+    truth = CATALOGUE[cause.name](**missing[cause.name])
+    for name, one in cause.parameters.items():
+        assert abs(one.value - getattr(truth, name)) < 4.0 * one.sd
+    assert cause.parameters or cause.name == "rotation_harmonics"  # of two orders
 
 
 @pytest.fixture(scope="module")

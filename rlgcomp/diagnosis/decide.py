@@ -10,6 +10,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import WANDER, MemoryClass, Region
+from rlgcomp.physics.mechanism import TABLE_RATE
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
 VERDICTS: Final = ("none", "explained", "ambiguous", "unknown")
@@ -69,6 +70,8 @@ class Decision:
         Something unrecorded wanders, by more than the discrepancy of the largest member.
     louder : bool
         The runs are noisier than stated.
+    unstated : tuple of str
+        Regions of the set that are taken for another form of what is named.
     """
 
     verdict: Verdict
@@ -77,6 +80,7 @@ class Decision:
     memory: MemoryClass = "none"
     wander: bool = False
     louder: bool = False
+    unstated: tuple[str, ...] = ()
 
 
 def decided(posterior: Posterior) -> Decision:
@@ -86,13 +90,14 @@ def decided(posterior: Posterior) -> Decision:
     own = posterior.of_effects[posterior.effects_of(best)]
     if (not regions and not latent) or posterior.null * FALSE_FINDING > own * MISSED:
         return Decision("none", ())
-    named = []
+    named, unstated = [], []
     for key in sorted(regions, key=posterior.of_region, reverse=True):
         probability = posterior.of_region(key)
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
         if _owned(region, [posterior.regions[other] for other in regions]) or _discrepancy(region, best, posterior.regions):
+            unstated.append(key)
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
         without = posterior.without(key) if probability < SURE and len(regions) > 1 else 0.0
@@ -105,9 +110,9 @@ def decided(posterior: Posterior) -> Decision:
     wanders = latent == "wander" and best.wander > priors.DISCREPANCY * largest
     if laws or wanders:
         drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
-        return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders)
+        return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders, unstated=tuple(unstated))
     open_ones = any(one.indistinguishable_from or one.perhaps_nothing for one in named)
-    return Decision("ambiguous" if open_ones else "explained", tuple(named))
+    return Decision("ambiguous" if open_ones else "explained", tuple(named), unstated=tuple(unstated))
 
 
 def _owned(law: Region, regions: Sequence[Region]) -> bool:
@@ -117,7 +122,17 @@ def _owned(law: Region, regions: Sequence[Region]) -> bool:
 
 
 def _discrepancy(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
-    """Whether a member is no larger than the discrepancy of a named one of the same columns and memory."""
-    sizes = {member.form.region: member.size for member in state.members}
-    larger = (regions[key] for key, size in sizes.items() if priors.DISCREPANCY * size >= sizes[region.key])
-    return any(set(region.drivers) <= set(one.drivers) and region.memory == one.memory for one in larger if one.mechanism)
+    """Whether a member is no larger than the discrepancy of a named one of the same columns and memory.
+
+    A static function has its smooth departures in the model, and evidence beside them stands. An equation that a mechanism states
+    itself has none: there what follows the same column beside the table's rate may be its form.
+    """
+    of_region = {member.form.region: member for member in state.members}
+    for key, member in of_region.items():
+        one = regions[key]
+        if one.mechanism is None or priors.DISCREPANCY * member.size < of_region[region.key].size:
+            continue
+        form_of = not member.form.smooth and bool(set(region.drivers) - {TABLE_RATE})
+        if set(region.drivers) <= set(one.drivers) and region.memory == one.memory and (form_of or region.memory != "static"):
+            return True
+    return False

@@ -12,18 +12,18 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import equations
-from rlgcomp.diagnosis.bases import Basis, EachRun, Power
+from rlgcomp.diagnosis.bases import Basis, EachRun
 from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.lines import line_of
 from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays
+from rlgcomp.diagnosis.parameters import of_law, of_mechanism
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.switches import Switch, switches_of
-from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.time_laws import time_law_of
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.turning import TimesRate
@@ -91,7 +91,7 @@ class Cause:
     parameters : mapping of str to Estimate
         What the runs determine of them.
     undetermined : tuple of str
-        Parameters whose error exceeds their value.
+        Parameters whose error exceeds their value, or all of an equation that is approximate.
     equation : str
     own_form : bool
         The equation is not the catalogue's.
@@ -104,6 +104,8 @@ class Cause:
         Of the output.
     departure : float
         Rms of window means of what the equation leaves of the function, where that is clear of the noise; else zero.
+    approximate : bool
+        The function found departs from the equation by so much that its parameters say nothing.
     indistinguishable_from : tuple of str
     rival_probabilities : tuple of float
     perhaps_nothing : float
@@ -131,6 +133,7 @@ class Cause:
     rms: float
     unit: str = DEG_H
     departure: float = 0.0
+    approximate: bool = False
     indistinguishable_from: tuple[str, ...] = ()
     rival_probabilities: tuple[float, ...] = ()
     perhaps_nothing: float = 0.0
@@ -240,14 +243,18 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     k, region = members.index(one.region), posterior.regions[one.region]
     form = fit.state.members[k].form
     mechanism = common["mechanism"]
-    estimates = fit.parameters(k, mechanism) if mechanism is not None else _of_law(fit, k, unit)
+    estimates: dict[str, Estimate]
+    estimates, left = ({}, ()) if mechanism is None else of_mechanism(fit, k, mechanism)
     own_form = mechanism is not None and not estimates
     estimates = estimates or line_of(fit, k) or time_law_of(fit, k)
+    if not estimates and not left:
+        estimates, left = of_law(fit, k, unit)
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
     contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
     return Cause(
         parameters={name: each for name, each in estimates.items() if each.sd <= abs(each.value)},
-        undetermined=tuple(name for name, each in estimates.items() if each.sd > abs(each.value)),
+        undetermined=(*left, *(name for name, each in estimates.items() if each.sd > abs(each.value))),
+        approximate=bool(left),
         equation=form.equation,
         own_form=own_form,
         drivers=region.drivers,
@@ -271,36 +278,6 @@ def _departure(fit: Fit, k: int, contribution: Array) -> float:
     left = contribution - table / size @ np.linalg.lstsq(table / size, contribution, rcond=1e-12)[0]
     departure = float(np.std(left))
     return departure if departure > _CLEAR * fit.white else 0.0
-
-
-def _of_law(fit: Fit, k: int, unit: str) -> dict[str, Estimate]:
-    """Coefficients of a law's equation with which it comes nearest to the whole term; none where another basis leads.
-
-    Departures of the term are not at right angles to the equation: its own weights alone are no coefficients.
-    """
-    member, bases = fit.parts[k]
-    names = [_coefficient(lead, unit) for lead in member.form.lead]
-    if not all(name for name, _ in names):
-        return {}
-    rows = fit.data.of_windows
-    columns = [fit.bank.columns(basis)[rows] for basis, _ in bases]
-    leading = [table / lead.per_unit() for lead, table in zip(member.form.lead, columns, strict=False)]
-    equation = np.column_stack([np.ones(len(rows)), *leading])
-    term = np.hstack([scale * table for (_, scale), table in zip(bases, columns, strict=True)])
-    nearest = np.linalg.lstsq(equation, term, rcond=1e-12)[0][1:]
-    covariance = nearest @ fit.solution.covariance[fit.inside(k), fit.inside(k)] @ nearest.T
-    values, spread = nearest @ fit.weights(k), np.sqrt(np.diag(covariance))
-    return {name: Estimate(float(value), float(sd), of) for (name, of), value, sd in zip(names, values, spread, strict=True)}
-
-
-def _coefficient(lead: Basis, unit: str) -> tuple[str, str]:
-    """Name and unit of a leading basis's coefficient; empty of one that has none."""
-    if isinstance(lead, Sign):
-        return "c", unit
-    if isinstance(lead, Power) and lead.degree == 1 and lead.path.memory == "none":
-        of = display_unit(lead.path.driver.columns[0])
-        return "k", f"{unit}/{of if of.isalpha() or len(of) == 1 else f'({of})'}" if of else f"{unit} per unit of the column"
-    return "", ""
 
 
 def _by_run(fit: Fit, k: int) -> dict[str, float]:

@@ -246,7 +246,7 @@ class Fit:
     # --- parameters ------------------------------------------------------------------------------------------------------------
 
     def parameters(self, k: int, mechanism: type[Mechanism] | None) -> dict[str, Estimate]:
-        """Amplitude and nonlinear parameters of the k-th member in the mechanism's own names, where its lead is one basis."""
+        """Weight of the leading basis, where it is one, and its shapes in the mechanism's own names: a part of what is found."""
         member, bases = self.parts[k]
         if mechanism is None or len(member.form.lead) != 1 or not member.form.lead[0].of_mechanism:
             return {}
@@ -267,15 +267,19 @@ class Fit:
                 found[same.name] = Estimate(value, self.spread(k, name, value), same.unit)
         return found
 
-    def spread(self, k: int, name: str, value: float) -> float:
-        """Standard deviation of a nonlinear parameter, of the fall of the evidence to both sides."""
+    def projected(self, columns: Array) -> Array:
+        """Window means of columns, whitened by the noise of the set, less what the baseline absorbs."""
+        return self._evidence.whitened.project(columns)
+
+    def spread(self, k: int, name: str, value: float, lead: int = 0) -> float:
+        """Standard deviation of a nonlinear parameter of a leading basis, of the fall of the evidence to both sides."""
         members = self.state.members
         given = self._evidence.given((*members[:k], *members[k + 1 :]))
         at = int(np.argmin(np.abs(priors.SIZES - members[k].size)))
         here = float(given.gain(members[k].form)[at])
         spreads = []
         for form in members[k].form.nearby(_SIDE):
-            moved = form.lead[0].parameters()[name] - value
+            moved = form.lead[lead].parameters()[name] - value
             if abs(moved) > 0.0 and self.bank.scaled(form) is not None:
                 fall = max(here - float(given.gain(form)[at]), 1e-3)
                 spreads.append(abs(moved) / math.sqrt(2.0 * fall))

@@ -80,6 +80,10 @@ class Saturation(Nonlinearity):
         found = [dataclasses.replace(self, width=width) for width in widths]
         return (*found, *(dataclasses.replace(self, centre=centre) for centre in centres))
 
+    def parameters(self) -> dict[str, float]:
+        centre = {} if self.fixed else {"c": _raw(self.path, self.centre)}
+        return {**centre, "w": self.width * self.path.half * self.path.driver.half}
+
 
 @dataclasses.dataclass(frozen=True)
 class Hinge(Nonlinearity):
@@ -95,6 +99,12 @@ class Hinge(Nonlinearity):
     def nearby(self, step: float) -> tuple[Self, ...]:
         corners = _shifted(self.corner, step * _APART, _OUTERMOST)
         return tuple(dataclasses.replace(self, corner=corner) for corner in corners)
+
+    def parameters(self) -> dict[str, float]:
+        return {"c": _raw(self.path, self.corner)}
+
+    def per_unit(self) -> float:
+        return 1.0 / (self.path.half * self.path.driver.half)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,6 +139,18 @@ class SignedPower(Nonlinearity):
         centres = () if self.fixed else _shifted(self.centre, step * _OFF_ZERO, 1.0)
         found = [dataclasses.replace(self, exponent=exponent) for exponent in exponents]
         return (*found, *(dataclasses.replace(self, centre=centre) for centre in centres))
+
+    def parameters(self) -> dict[str, float]:
+        centre = {} if self.fixed else {"c": _raw(self.path, self.centre)}
+        return {"p": self.exponent, **centre}
+
+    def per_unit(self) -> float:
+        return float((self.path.half * self.path.driver.half) ** -self.exponent)
+
+
+def _raw(path: Path, value: float) -> float:
+    """A value of a path as its driver is recorded."""
+    return path.driver.half * (path.centre + path.half * value) + (0.0 if path.memory == "rate" else path.driver.centre)
 
 
 def _scaled(value: float, factor: float, least: float, most: float) -> tuple[float, ...]:

@@ -285,11 +285,15 @@ def _selections(record: Record) -> Iterator[Message]:
 
 
 def _forms(record: Record) -> Iterator[Message]:
-    for cause in record.causes:
-        if cause.undetermined:
+    for cause in record.members:
+        if cause.approximate:
+            yield message("diagnosis.approximate", mechanism=cause.name, equation=cause.equation, parameters=cause.undetermined)
+        elif cause.undetermined:
             yield message("diagnosis.unidentified", mechanism=cause.name, parameters=cause.undetermined)
-        if cause.own_form and cause.function is not None and not cause.switches:
+        if cause.own_form and not cause.approximate and cause.function is not None and not cause.switches:
             yield message("diagnosis.other_form", mechanism=cause.name, equation=cause.equation)
+    if record.decision.unstated:
+        yield message("diagnosis.unstated", regions=record.decision.unstated, named=[one.name for one in record.members])
     yield from _cancelling(record)
 
 

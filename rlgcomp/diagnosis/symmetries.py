@@ -40,7 +40,7 @@ class Sign(Basis):
         return tuple(dataclasses.replace(self, width=self.width * factor) for factor in factors)
 
     def parameters(self) -> dict[str, float]:
-        return {"width": self.width * self.driver.half} if self.width else {}
+        return {"w": self.width * self.driver.half} if self.width else {}
 
 
 def about_zero(driver: Driver) -> Driver | None:

@@ -104,7 +104,7 @@ def member_rows(record: Record) -> list[list[str]]:
                 ]
             )
             or "; ".join(switch.text for switch in one.switches)
-            or one.equation,
+            or f"{one.equation}{', about: its numbers are not determined' * one.approximate}",
             region_words(listing(instead(one), "or")),
         ]
         for one in record.members

@@ -57,6 +57,9 @@ class RatePower(Basis):
         moves = self.exponent + 0.5 * step, self.exponent - 0.5 * step
         return tuple(dataclasses.replace(self, exponent=p) for p in moves if p > 0.1)
 
+    def parameters(self) -> dict[str, float]:
+        return {"order": self.exponent} if self.odd else {}
+
 
 @dataclasses.dataclass(frozen=True)
 class RateSmooth(Basis):

@@ -223,6 +223,21 @@ def _other_form(mechanism: str, equation: str) -> str:
     )
 
 
+def _approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> str:
+    numbers = listing(list(parameters))
+    return (
+        f"The function found for {region_words(mechanism)} is only about {equation}, so {numbers} of that equation "
+        "stays undetermined; diagnosis.json and the figure give the function found."
+    )
+
+
+def _unstated(regions: Sequence[str], named: Sequence[str]) -> str:
+    return (
+        f"The set, its predictions and augmented.yaml hold {_words(regions)} as well: no larger than what the form of "
+        f"{_words(named, 'or')} may be wrong by, and therefore no finding."
+    )
+
+
 def _cancelling(one: str, other: str, correlation: float, ratio: float) -> str:
     return (
         f"{region_words(one)} and {region_words(other)} nearly cancel in these runs (correlation {correlation:.3f}; each is "
@@ -455,6 +470,8 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.late_monitor": _late_monitor,
     "diagnosis.cancelling": _cancelling,
     "diagnosis.unidentified": _unidentified,
+    "diagnosis.approximate": _approximate,
+    "diagnosis.unstated": _unstated,
     "diagnosis.other_form": _other_form,
     "diagnosis.extrapolated": _extrapolated,
     "diagnosis.next_experiment": _programme,

@@ -1,0 +1,285 @@
+"""Parameters of an equation, and whether it describes the function that was found.
+
+A term is its leading bases and departures from them, which are not at right angles: the weight of a leading basis alone is no
+parameter. With the columns E of an equation, the term f = B w, and both whitened and projected off the baseline, the parameters are
+
+.. math:: a = (E^T E)^{-1} E^T B w, \\qquad \\mathrm{cov}(a) = P C P^T, \\quad P = (E^T E)^{-1} E^T B
+
+with C the posterior covariance of all weights of the term; what the baseline may take of the equation is no part of its parameters.
+What the equation leaves of the function, beyond what the covariance allows, is its misfit. A parameter could be off by all of it
+were other windows weighted, and where it exceeds a twentieth of the term and of the noise no parameters are stated.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.bases import Basis, Own, Power
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.fit import Estimate, Fit
+from rlgcomp.diagnosis.memories import Plays
+from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.relaxations import Lag
+from rlgcomp.diagnosis.selections import by_run, in_all_runs, runs_of
+from rlgcomp.diagnosis.symmetries import Sign
+from rlgcomp.diagnosis.turning import RatePower, TimesRate
+from rlgcomp.errors import InputError
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.units import display_unit
+
+Array = npt.NDArray[np.float64]
+_SAME: Final = 0.05  # of the white noise of a window mean, or of the term: an equation that leaves less describes it
+_CHANCE: Final = 2.0  # times the square that errors of the weights leave: a misfit within it is chance
+_ABSORBED: Final = 1e-6  # of a column, beside the baseline: an amplitude of which no more is left is the baseline's own
+_STEP: Final = 1.0 / 32.0  # of the grid, at which amplitudes' changes with a shape are taken
+
+
+class _Nearest(NamedTuple):
+    """Coefficients of some columns with which they come nearest to a term.
+
+    Parameters
+    ----------
+    values : ndarray, shape (e,)
+    covariance : ndarray, shape (e, e)
+    most : ndarray, shape (e,)
+        What the misfit could change of each.
+    holds : bool
+        They describe the term.
+    limit : float
+        Root mean square up to which a misfit would be none.
+    columns : ndarray, shape (n, e)
+        Whitened, and projected off the baseline.
+    """
+
+    values: Array
+    covariance: Array
+    most: Array
+    holds: bool
+    limit: float
+    columns: Array
+
+
+def _nearest(fit: Fit, k: int, columns: Array) -> _Nearest:
+    """Coefficients of window means of columns, shape (n, e), with which they come nearest to the k-th member."""
+    inside = fit.inside(k)
+    covariance = fit.solution.covariance[inside, inside]
+    projected = fit.projected(np.hstack([columns, *(scale * fit.bank.columns(basis) for basis, scale in fit.parts[k][1])]))
+    equation, term = projected[:, : columns.shape[1]], projected[:, columns.shape[1] :]
+    inverse = np.linalg.pinv(equation, rcond=1e-10)
+    of_weights = inverse @ term
+    values = of_weights @ fit.weights(k)
+    function = term @ fit.weights(k)
+    rest = term - equation @ of_weights
+    by_chance = float(np.einsum("ij,jk,ik->", rest, covariance, rest)) / len(rest)
+    misfit = math.sqrt(max(float(np.mean((function - equation @ values) ** 2)) - _CHANCE * by_chance, 0.0))
+    limit = _SAME * max(fit.white, float(np.sqrt(np.mean(function**2))))
+    most = misfit * math.sqrt(len(rest)) * np.linalg.norm(inverse, axis=1)
+    return _Nearest(values, of_weights @ covariance @ of_weights.T, most, misfit <= limit, limit, equation)
+
+
+def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+    """Amplitudes and nonlinear parameters of the k-th member in the mechanism's own names; none where its equation is another.
+
+    Last those that are not determined because the function departs from that equation.
+    """
+    member, bases = fit.parts[k]
+    if not bases or len(member.form.lead) != 1 or by_run(member.form) or not member.form.lead[0].of_mechanism:
+        return {}, ()
+    (lead,) = member.form.lead
+    found = _nearest(fit, k, fit.bank.columns(lead))
+    if not found.holds:
+        return {}, tuple(p.name for p in mechanism().amplitude_parameters()[:1] if found.columns.shape[1] == 1)
+    shapes = {
+        same.name: Estimate(value, fit.spread(k, name, value), same.unit)
+        for name, value in lead.parameters().items()
+        if (same := next((p for p in mechanism.parameters() if p.name.startswith(name)), None)) is not None
+    }
+    own = _own_names(fit, k, found, mechanism, {name: one.value for name, one in shapes.items()})
+    if own is None:
+        return {}, ()
+    names, change = own
+    sds = [{name: shapes[same].sd for name in lead.parameters() for same in shapes if same.startswith(name)}]
+    covariance = found.covariance + _of_shapes(fit, k, found.values, sds, own_units=False)
+    values = change @ found.values
+    variance = np.diag(change @ covariance @ change.T) + (np.abs(change) @ found.most) ** 2
+    if len(names) == 1:
+        variance = variance + _of_orders(fit, k, found, mechanism, shapes, float(values[0]))
+    units = {parameter.name: parameter.unit for parameter in mechanism.parameters()}
+    amplitudes = {
+        name: Estimate(float(value), math.sqrt(square), units[name])
+        for name, value, square in zip(names, values, variance, strict=True)
+    }
+    return {**amplitudes, **shapes}, ()
+
+
+def _own_names(
+    fit: Fit, k: int, found: _Nearest, mechanism: type[Mechanism], shapes: Mapping[str, float]
+) -> tuple[tuple[str, ...], Array] | None:
+    """Amplitudes of a mechanism, and the matrix that makes them of coefficients of the leading basis; None where none does."""
+    (lead,) = fit.state.members[k].form.lead
+    inner = in_all_runs(lead)
+    if isinstance(inner, Own):
+        names = tuple(p.name for p in inner.mechanism.amplitude_parameters())
+        return names, np.eye(len(names))
+    wanted = found.columns @ found.values
+    best: tuple[float, tuple[str, ...], Array] | None = None
+    for point in _points(mechanism, shapes):
+        names = tuple(p.name for p in point.amplitude_parameters())
+        if best is not None and len(names) > len(best[1]):
+            break
+        columns = fit.data.means(_basis_of(point, runs_of(fit.state.members[k].form)))
+        projected = fit.projected(columns)
+        there = np.linalg.norm(projected, axis=0) > _ABSORBED * np.linalg.norm(columns, axis=0)
+        change = np.linalg.pinv(projected[:, there], rcond=1e-10) @ found.columns
+        off = float(np.sqrt(np.mean((wanted - projected[:, there] @ change @ found.values) ** 2)))
+        if there.any() and off <= found.limit and (best is None or off < best[0]):
+            best = off, tuple(itertools.compress(names, there)), change
+    if best is not None:
+        return best[1:]
+    amplitudes = [p.name for p in mechanism.parameters() if p.role == "amplitude"]
+    if isinstance(inner, TimesRate | RatePower) or found.columns.shape[1] != 1 or len(amplitudes) != 1:
+        return None
+    return tuple(amplitudes), np.array([[lead.per_unit()]])  # the driver's noise alone is what its own column differs by
+
+
+def _of_orders(
+    fit: Fit, k: int, found: _Nearest, mechanism: type[Mechanism], shapes: Mapping[str, Estimate], value: float
+) -> float:
+    """Variance that the error of an order, a whole number, brings into an amplitude: the amplitude is that of a reference value."""
+    total, wanted = 0.0, found.columns @ found.values
+    for name in (p.name for p in mechanism.parameters() if p.whole and p.name in shapes):
+        changes = [0.0]
+        for order in (round(shapes[name].value) - 1, round(shapes[name].value) + 1):
+            try:
+                point = mechanism(**{name: order})
+            except InputError:
+                continue
+            other = fit.projected(fit.data.means(_basis_of(point, runs_of(fit.state.members[k].form))))
+            changes.append(abs(float((np.linalg.pinv(other, rcond=1e-10) @ wanted)[0]) - value))
+        total += (max(changes) * shapes[name].sd) ** 2
+    return total
+
+
+def _points(mechanism: type[Mechanism], shapes: Mapping[str, float]) -> Iterator[Mechanism]:
+    """The mechanism with these shapes and each choice of its settings, those of few amplitudes first; all its shapes are needed."""
+    choices: dict[str, tuple[Any, ...]] = {p.name: p.choices for p in mechanism.parameters() if p.role == "setting" and p.choices}
+    whole = [p for p in mechanism.parameters() if p.whole]
+    choices |= {p.name: tuple(range(int(p.low), int(p.high) + 1)) for p in whole if p.high - p.low < 10}
+    choices |= {p.name: (round(shapes[p.name]),) for p in whole if p.name in shapes}
+    shapes = {name: value for name, value in shapes.items() if name not in choices}
+    points = []
+    for values in itertools.product(*choices.values()):
+        try:
+            point = mechanism(**(dict(zip(choices, values, strict=True)) | dict(shapes)))
+        except InputError:
+            continue
+        if {p.name for p in point.shape_parameters()} <= set(shapes):
+            points.append(point)
+    yield from sorted(points, key=lambda point: len(point.amplitude_parameters()))
+
+
+def _basis_of(point: Mechanism, runs: Sequence[str]) -> Callable[[Run], Array]:
+    """Columns of a mechanism on the bins of a run; nothing in runs in which a term does not act."""
+    return lambda run: np.asarray(run.on_bins(point.basis(run.binned)) * (not runs or run.name in runs))
+
+
+def _of_shapes(fit: Fit, k: int, values: Array, sds: Sequence[Mapping[str, float]], *, own_units: bool) -> Array:
+    """Covariance that errors of the shapes of leading bases bring into their coefficients, shape (e, e).
+
+    Parameters
+    ----------
+    fit : Fit
+    k : int
+    values : ndarray, shape (e,)
+    sds : sequence of mapping of str to float
+        Standard deviations of the shapes of each leading basis.
+    own_units : bool
+        Coefficients are by the units of the drivers.
+    """
+    lead = fit.state.members[k].form.lead
+
+    def columns(bases: Sequence[Basis]) -> Array:
+        return np.hstack([fit.data.means(basis.columns) / (basis.per_unit() if own_units else 1.0) for basis in bases])
+
+    total = np.zeros((len(values), len(values)))
+    function = fit.projected(columns(lead)) @ values
+    for j, of_lead in enumerate(sds):
+        for name, sd in of_lead.items():
+            slopes = []
+            for moved in lead[j].nearby(_STEP):
+                if (by := moved.parameters()[name] - lead[j].parameters()[name]) != 0.0:
+                    equation = fit.projected(columns([*lead[:j], moved, *lead[j + 1 :]]))
+                    slopes.append((np.linalg.pinv(equation, rcond=1e-10) @ function - values) / by)
+            if slopes:
+                slope = np.mean(slopes, axis=0) * sd
+                total += np.outer(slope, slope)
+    return total
+
+
+# --- equations without a name ----------------------------------------------------------------------------------------------------
+
+
+def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+    """Numbers of the equation of the k-th member, and those that are not determined because its function is another.
+
+    Parameters
+    ----------
+    fit : Fit
+    k : int
+    unit : str
+        Of the output.
+    """
+    member, bases = fit.parts[k]
+    lead = member.form.lead
+    names = [_names(basis, unit, j) for j, basis in enumerate(lead)]
+    if not bases or by_run(member.form) or not all(names):
+        return {}, ()
+    found = _nearest(fit, k, np.hstack([fit.bank.columns(basis) / basis.per_unit() for basis in lead]))
+    if not found.holds:
+        return {}, tuple(name for of_lead in names for name, _ in of_lead.values())
+    estimates, sds = {}, []
+    for j, (basis, of_lead) in enumerate(zip(lead, names, strict=True)):
+        spreads = {name: fit.spread(k, name, value, j) for name, value in basis.parameters().items()}
+        sds.append(spreads)
+        for own, value in basis.parameters().items():
+            name, of = of_lead[own]
+            estimates[name] = Estimate(value, spreads[own], of)
+    variance = np.diag(found.covariance + _of_shapes(fit, k, found.values, sds, own_units=True)) + found.most**2
+    amplitudes = {
+        name: Estimate(float(value), math.sqrt(square), of)
+        for (name, of), value, square in zip((one[""] for one in names), found.values, variance, strict=True)
+    }
+    return {**amplitudes, **estimates}, ()
+
+
+def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
+    """Names and units of a leading basis's coefficient, under no name, and of its shapes; empty of one whose equation has none."""
+    basis = in_all_runs(basis)
+    match basis:
+        case Sign():
+            return {"": ("c", unit), "w": ("w", display_unit(basis.driver.columns[0]))}
+        case Lag() | Plays(spread=False):
+            of = display_unit(basis.driver.columns[0])
+            return {"": ("k", _per(unit, of)), "time_constant_s": ("time_constant_s", "s"), "radius": ("radius", of)}
+        case Power(degree=1) | Saturation() | Hinge() | SignedPower():
+            path = basis.path
+            of = "" if path.driver.combination == "contrast" else display_unit(path.driver.columns[0])
+            of = f"{of}/min" if of and path.memory == "rate" else of
+            second = place > 0 and isinstance(basis, Hinge)
+            if isinstance(basis, Saturation):
+                return {"": ("k", unit), "c": ("c", of), "w": ("w", of)}
+            if isinstance(basis, SignedPower):
+                return {"": ("k", _per(unit, of, f"^{basis.exponent:.3g}")), "p": ("p", ""), "c": ("c", of)}
+            return {"": ("l" if second else "k", _per(unit, of)), "c": ("d" if second else "c", of)}
+    return {}
+
+
+def _per(unit: str, of: str, power: str = "") -> str:
+    """A unit over another."""
+    return f"{unit}/{of if of.isalpha() or len(of) == 1 else f'({of})'}{power}" if of else f"{unit} per unit of the column{power}"
