@@ -100,7 +100,11 @@ def read_fleet(path: str | Path) -> list[Unit]:
     """
     path = Path(path)
     try:
-        table = pd.read_csv(io.StringIO(read_text(path)), dtype=str, keep_default_na=False, skipinitialspace=True)
+        text = read_text(path).lstrip("\ufeff")
+        header = next((line for line in text.splitlines() if line.strip()), "")
+        separator = max((",", ";", "\t"), key=lambda sign: len({_UNIT, _TRAIN} & {name.strip(' "') for name in header.split(sign)}))
+        table = pd.read_csv(io.StringIO(text), sep=separator, dtype=str, keep_default_na=False, skipinitialspace=True)
+        table = table.rename(columns=lambda name: str(name).strip())
     except FileNotFoundError:
         raise InputError(f"{path} does not exist; give a CSV table of units") from None
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError, OSError) as error:
@@ -108,7 +112,11 @@ def read_fleet(path: str | Path) -> list[Unit]:
     missing = [column for column in (_UNIT, _TRAIN) if column not in table]
     if missing or table.empty:
         received = f"lacks the column {missing[0]}" if missing else "has no rows"
-        raise InputError(f"{path} {received}; it needs the columns unit and train, recordings with semicolons between them")
+        apart = {",": "commas", ";": "semicolons", "\t": "tabs"}[separator]
+        raise InputError(
+            f"{path} {received}; it needs the columns unit and train, recordings with semicolons between them, and has "
+            f"{', '.join(table.columns)}, read between {apart}"
+        )
     units = []
     for row in table.to_dict("records"):
         name = str(row[_UNIT]).strip()

@@ -363,3 +363,9 @@ def test_shared_cases(name: str, columns: dict[str, str], rows: int) -> None:
     assert len(rlg.read(case(name), columns=columns)) == rows
     with pytest.raises(rlg.InputError, match="run_b/gyro_deg_h"):
         rlg.read(case("22-hdf5-columns/dupgroups.h5"))
+
+
+def test_a_mapped_channel_of_another_length_is_said_to_be_left_out(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", zeit=TIME, rate=RATES[:-7, 0], temp=BLOCK)
+    with pytest.raises(rlg.InputError, match=r"rate, mapped to gyro_deg_h, has 593 rows and zeit, temp have 600: it was left out"):
+        rlg.read(tmp_path / "a.npz", columns={"time_s": "zeit", "gyro_deg_h": "rate"})

@@ -228,8 +228,12 @@ def test_words_among_numbers_are_reported_alike_with_and_without_a_unit(
         findings = rlg.read(path, columns=OWN | {"gyro_deg_h": source}).findings
     except rlg.recording.repair.UnusableRecordingError as error:
         findings = error.findings
-    (finding,) = [one for one in findings if one.message.code == "recording.not_numbers"]
-    assert (finding.severity, finding.row, finding.message.data) == (severity, 0, {"entries": bad, "first": "OVERRANGE"})
+    (finding,) = [one for one in findings if one.message.code in ("recording.not_numbers", "recording.too_many_words")]
+    assert (finding.severity, finding.row) == (severity, 0)
+    assert (finding.message.data["entries"], finding.message.data["first"]) == (bad, "OVERRANGE")
+    if severity == "refused":
+        assert f"of {len(GYRO)} entries" in str(finding)
+        assert f"{int(0.01 * len(GYRO))} are allowed" in str(finding)
 
 
 # --- the language of maps ---------------------------------------------------------------------------------------------------
@@ -505,3 +509,20 @@ def test_entries_without_a_name_are_never_dropped(tmp_path: Path) -> None:
     wide = [f"{line},7" for line in lines[1:]]
     with pytest.raises(rlg.InputError, match="more entries than there are names"):
         csv.parse(wide, dialect, "stream")
+
+
+@pytest.mark.parametrize("minus", ["\u2212", "\u2013"])
+@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), (",", "."), ("\t", ".")])
+def test_typeset_minus_signs_are_read(tmp_path: Path, separator: str, decimal: str, minus: str) -> None:
+    lines = [line.replace("-", minus) for line in rows(separator, decimal)]
+    assert any(minus in line for line in lines)
+    path = written(tmp_path / "run.csv", "\n".join([separator.join(["t", "w", "T"]), *lines]) + "\n")
+    expect(rlg.read(path, columns=OWN))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_units_in_the_cells_are_named_as_the_cause(tmp_path: Path, separator: str) -> None:
+    lines = [f"{k}.0 s{separator}{w:.4f} deg/h" for k, w in enumerate(GYRO)]
+    path = written(tmp_path / "run.csv", "\n".join([f"time{separator}rate", *lines]) + "\n")
+    with pytest.raises(rlg.InputError, match=r"cells hold units beside their numbers, the first '0\.0 s'; write numbers alone"):
+        rlg.read(path)

@@ -300,3 +300,16 @@ def test_bad_input_ends_with_one_message(units: list[Unit], tmp_path: Path, argu
     done = CliRunner().invoke(app, ["fleet", task, str(table), "--out", str(tmp_path / "out"), *options])
     assert done.exit_code == 2
     assert done.output.count("error:") == 1
+
+
+@pytest.mark.parametrize("sign", [",", ";", "\t"])
+def test_a_table_of_units_has_any_separator(tmp_path: Path, sign: str) -> None:
+    path = tmp_path / "units.csv"
+    path.write_text(f'unit{sign}train\nA{sign}"a.parquet;b.parquet"\nB{sign}c.parquet\n')
+    assert [(one.name, [run.name for run in one.train]) for one in read_fleet(path)] == [
+        ("A", ["a.parquet", "b.parquet"]), ("B", ["c.parquet"])
+    ]  # fmt: skip
+    path.write_text(f"unit{sign}run\nA{sign}a.parquet\n")
+    apart = {",": "commas", ";": "semicolons", "\t": "tabs"}[sign]
+    with pytest.raises(InputError, match=f"lacks the column train; .* and has unit, run, read between {apart}"):
+        read_fleet(path)

@@ -388,7 +388,9 @@ def test_text_in_a_number_column() -> None:
     frame = table().astype({"gyro_deg_h": object})
     frame.loc[7, "gyro_deg_h"] = "ERR"
     assert repaired(frame)[1]["not_numbers"].message.data == {"entries": 1, "first": "ERR"}
-    assert "not_numbers" in refused(table().assign(gyro_deg_h="n/a"))
+    assert "too_many_words" in refused(table().assign(gyro_deg_h="n/a"))
+    frame.loc[7, "gyro_deg_h"] = "\0" * 4096
+    assert repaired(frame)[1]["not_numbers"].message.data == {"entries": 1, "first": "\0\0\0…"}
     assert repaired(table().assign(operator="K"))[1]["text_column"].column == "operator"
 
 

@@ -304,3 +304,11 @@ def test_shared_cases(name: str, columns: dict[str, str], period_s: float, rows:
     run = rlg.read(case(name), columns=columns)
     assert (len(run), len(run.gaps)) == (rows, 0)
     assert run.period_s == pytest.approx(period_s)
+
+
+def test_shuffled_rows_are_no_daylight_saving() -> None:
+    """Clocks are put back once a year: many falls by an hour are rows out of order."""
+    with pytest.raises(UnusableRecordingError) as caught:
+        repaired(60.0 * np.random.default_rng(1).permutation(ROWS))
+    assert "time_runs_backwards" in by_code(caught.value.findings)
+    assert "roll_over" not in by_code(caught.value.findings)

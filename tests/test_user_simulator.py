@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,11 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.simulators.align import align, no_clocks
 from rlgcomp.diagnosis.simulators.between import values_at
 from rlgcomp.diagnosis.simulators.resampling import Alignment, on_rows, turning_evenly
@@ -25,6 +29,7 @@ from rlgcomp.diagnosis.simulators.user_simulator import (
 from rlgcomp.numerics.filters import lag
 from tests.few_monitors import few_monitors
 
+register_commands()
 CATALOGUE = rlg.CATALOGUE
 BASE = rlg.Simulator(
     (CATALOGUE["thermal_polynomial"](), CATALOGUE["temperature_rate"]()), noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
@@ -482,3 +487,18 @@ def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> No
     (told,) = [one for one in diagnosis.remarks if one.code == "diagnosis.run_lacks_column"]
     assert told.data == {"run": "run3", "columns": ["temperature_block_degC"]}
     assert diagnosis.p_value < 0.01
+
+
+def test_an_output_is_never_said_to_be_in_units_of_a_gyro(run: rlg.Recording, tmp_path: Path) -> None:
+    """A column that is not there is named as it was asked for, and a wrong answer is not asked for in deg/h."""
+    frame = run.table.rename(columns={run.gyro_columns[0]: "force_kN"})
+    frame.to_parquet(tmp_path / "run.parquet")
+    simulator = written(tmp_path, "def gyro(r):\n    return np.zeros(3)\n")
+    for output, message in (("force_N", r"no column 'force_N' for --output"), ("force_kN", r"in the unit of force_kN")):
+        shown = CliRunner().invoke(
+            app, ["diagnose", "--simulator", simulator, "--output", output, "--train", str(tmp_path / "run.parquet"), "--out",
+                  str(tmp_path / "dd")],
+        )  # fmt: skip
+        said = " ".join(f"{shown.output} {shown.exception}".split())
+        assert re.search(message, said), said
+        assert "deg/h" not in said

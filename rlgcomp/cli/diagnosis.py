@@ -155,7 +155,7 @@ def diagnose(
     if averaging_s is not None and not 0.0 < averaging_s < math.inf:
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
     candidates = candidates_of(mechanisms, only_own)
-    chosen = _simulator(simulator, simulated, {**CATALOGUE, **candidates})
+    chosen = _simulator(simulator, simulated, {**CATALOGUE, **candidates}, output)
     measured = None if noise is None else measured_noise(noise, gyro)
     groups = [train, confirm or [], test or []]
     specs = [spec for group in groups for spec in group]
@@ -218,11 +218,16 @@ def _runs(
 
 def _mapped_output(output: str | None, specs: Sequence[str]) -> list[str]:
     """The mapping that reads an output as a gyro where the files have none: a recording holds one."""
+    from rlgcomp.errors import InputError
     from rlgcomp.recording import is_gyro
     from rlgcomp.recording.formats import column_names
 
-    if output is None or any(is_gyro(name) for name in column_names(interval_of(specs[0])[0])):
+    path = interval_of(specs[0])[0]
+    names = [] if output is None else column_names(path)
+    if output is None or any(is_gyro(name) for name in names):
         return []
+    if output not in names:
+        raise InputError(f"{path.name} has no column {output!r} for --output; its columns are {', '.join(names)}")
     return [f"gyro_deg_h={output} [deg/h]"]
 
 
@@ -274,7 +279,7 @@ def measured_noise(path: Path, gyro: str | None) -> NoiseModel:
 
 
 def _simulator(
-    source: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]]
+    source: str | None, simulated: Sequence[str] | None, catalogue: Mapping[str, type[Mechanism]], output: str | None
 ) -> Simulator | UserSimulator | None:
     """The simulator of a file; None where its output stands for it."""
     from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator
@@ -288,5 +293,6 @@ def _simulator(
             raise InputError("no simulator: give --simulator SIM.yaml or my_sim.py:function, or its output with --simulated RUN...")
         return None
     if ".py:" in source or source.endswith(".py"):
-        return PythonSimulator.load(source if ".py:" in source else f"{source}:")
+        own = PythonSimulator.load(source if ".py:" in source else f"{source}:")
+        return own if output is None else dataclasses.replace(own, expected=f"in the unit of {output}")
     return Simulator.from_yaml(source, catalogue)

@@ -257,10 +257,13 @@ class PythonSimulator:
     function : callable
     name : str
         As it was given: `my_sim.py:function`.
+    expected : str
+        The unit of its values, for messages.
     """
 
     function: Callable[[Recording], Any]
     name: str
+    expected: str = "in deg/h"
     _said: list[tuple[Recording, Array]] = dataclasses.field(default_factory=list, repr=False, compare=False)
 
     @classmethod
@@ -320,13 +323,13 @@ class PythonSimulator:
             with np.errstate(over="ignore"):  # what overflows is refused below, as infinite
                 values = convert(np.asarray(answer, dtype=np.float64), unit, "deg/h")
         except (TypeError, ValueError):
-            raise InputError(f"{self.name}: returned {type(answer).__name__}; return one number a row, in deg/h") from None
+            raise InputError(f"{self.name}: returned {type(answer).__name__}; return one number a row, {self.expected}") from None
         if at_s is not None:
             values = np.interp(recording.time_s, at_s, values)
         if values.shape != (len(recording),):
             raise InputError(
                 f"{self.name}: returned shape {values.shape} for {recording.name}, which has {len(recording)} rows; return one "
-                "number a row, in deg/h"
+                f"number a row, {self.expected}"
             )
         if not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])

@@ -24,7 +24,7 @@ from rlgcomp.files import from_yaml, read_text, require_replaceable, require_wri
 from rlgcomp.recording import TIME, Finding, Metadata, Recording
 from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
 from rlgcomp.recording.formats.contents import Contents, require_different
-from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, source_names
+from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, require_same_rows, source_names
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.scratch import recover
 from rlgcomp.units import column_unit
@@ -82,7 +82,8 @@ def read(
     sidecar_values = read_sidecar(path)
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
     wanted = (list(mapping.values()),) if getattr(form, "CONTAINER", False) else ()
-    table, stored, file_units, reading, _ = Contents(*form.load(path, *wanted))
+    table, stored, file_units, reading, other = Contents(*form.load(path, *wanted))
+    require_same_rows(mapping, table, other, path.name)
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
     return recording_of(

@@ -106,10 +106,10 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
     names = {name if _full(one) not in asked else _full(one): one for name, one in _names(main.channels).items()}
     table = {name: np.asarray(channel.values) for name, channel in names.items()}
     findings: list[Finding] = []
-    left_out, other = list(passed_over), []
+    left_out, other = list(passed_over), dict[str, int]()
     for base in (base for base in bases if base is not main):
         if main.time is None or base.time is None or base.rows >= main.rows or not _overlap(main.time, base.time):
-            other += [_full(one) for one in base.channels]
+            other |= {_full(one): base.rows for one in base.channels}
             left_out += [f"{_full(one)} ({base.rows} rows)" for one in base.channels]
             continue
         measured = [one for one in base.channels if not (_is_time(one) or is_gyro(one.name))]
@@ -120,7 +120,7 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
             within = (at >= own[0] - (own[1] - own[0])) & (at <= own[-1] + (own[-1] - own[-2]))
             table[name] = np.where(within, np.interp(at, own, channel.values.astype(np.float64)), np.nan)
         gyros = [one for one in base.channels if is_gyro(one.name)]
-        other += [_full(one) for one in gyros]
+        other |= {_full(one): base.rows for one in gyros}
         left_out += [f"{_full(one)} ({base.rows} rows)" for one in gyros]
         about = message("recording.other_time_base", columns=[one.name for one in measured], rows=base.rows, of=main.rows)
         if measured:
@@ -130,7 +130,7 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
             Finding("noted", message("recording.left_out", rows=main.rows, names=left_out[:_PRINTED], count=len(left_out)))
         )
     units = {name: channel.unit for name, channel in names.items() if channel.unit}
-    return Contents(pd.DataFrame(table), {}, units, tuple(findings), tuple(other))
+    return Contents(pd.DataFrame(table), {}, units, tuple(findings), other)
 
 
 def _bases(channels: Sequence[Channel]) -> list[_Base]:

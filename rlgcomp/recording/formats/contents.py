@@ -24,15 +24,15 @@ class Contents(NamedTuple):
         Units that the file states beside the names of its columns, such as in a row of units.
     findings : tuple of Finding
         What was reinterpreted or left out when the file was read.
-    other : tuple of str
-        Channels that are on another time base, so that the table has none of them.
+    other : mapping of str to int
+        Channels that are on another time base, so that the table has none of them, and their rows.
     """
 
     table: pd.DataFrame
     metadata: Mapping[str, Any] = {}
     units: Mapping[str, str] = {}
     findings: tuple[Finding, ...] = ()
-    other: tuple[str, ...] = ()
+    other: Mapping[str, int] = {}
 
 
 def require_different(names: Iterable[object], place: Path | str) -> None:

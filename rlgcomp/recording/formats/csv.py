@@ -26,7 +26,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding
 from rlgcomp.recording.formats import labview, numbers
 from rlgcomp.recording.formats.contents import Contents
-from rlgcomp.recording.formats.dialect import BLANKS, REMARK, Dialect, dialect_of, is_decimal_comma, without_thousands
+from rlgcomp.recording.formats.dialect import BLANKS, MINUS, REMARK, Dialect, dialect_of, is_decimal_comma, without_thousands
 from rlgcomp.recording.formats.limits import require_gunzippable
 from rlgcomp.report.messages import message
 from rlgcomp.units import column_unit
@@ -251,6 +251,8 @@ def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool, s
     has signs between its thousands."""
     present = values.notna()
     known = values[present].astype(str).str.strip()
+    typeset = known.str.replace(rf"[{MINUS}](?=[\d.,])", "-", regex=True)
+    values, known = (values if typeset.equals(known) else typeset.astype(object).reindex(values.index)), typeset
     commas = np.zeros(len(known), dtype=np.bool_)
     if written.separator != ",":
         commas = known.map(is_decimal_comma).to_numpy(dtype=np.bool_)

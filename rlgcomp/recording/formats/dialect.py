@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from rlgcomp import units
+from rlgcomp.errors import InputError
 from rlgcomp.recording import Finding
 from rlgcomp.report.messages import message
 
@@ -25,10 +26,13 @@ _SHOWING: Final = 60  # lines that show the separator and the line of names
 _NEARLY_ALL: Final = 0.8
 _MOST_BELOW: Final = 3  # rows of units, kinds or blanks between the names and the numbers
 
-_POINT: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
-_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_FRACTION: Final = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
-_GROUPED: Final = re.compile(r"[+-]?\d{1,3}(?:(?P<group>[.,'’\s])\d{3})(?:(?P=group)\d{3})*(?:(?P<decimal>[.,])\d*)?")
+MINUS: Final = "−–﹣－"  # signs that typeset numbers have in place of the hyphen
+_SIGN: Final = rf"[+{MINUS}-]?"
+_POINT: Final = re.compile(rf"{_SIGN}(\d+\.?\d*|\.\d+)([eE]{_SIGN}\d+)?|{_SIGN}(nan|inf(inity)?)", re.IGNORECASE)
+_COMMA: Final = re.compile(rf"{_SIGN}\d*,\d+([eE]{_SIGN}\d+)?")
+_FRACTION: Final = re.compile(rf"{_SIGN}\d*\.\d+([eE]{_SIGN}\d+)?")
+_WITH_UNIT: Final = re.compile(rf"{_SIGN}\d+([.,]\d+)?\s*(?P<unit>[^\d\s].*)")
+_GROUPED: Final = re.compile(_SIGN + r"\d{1,3}(?:(?P<group>[.,'’\s])\d{3})(?:(?P=group)\d{3})*(?:(?P<decimal>[.,])\d*)?")
 _CLOCK: Final = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?"
 _DATE: Final = (
     r"(\d{1,4}[-/.](\d{1,2}|[^\W\d]{3,9}\.?)[-/.]\d{1,4}|\d{1,2}\.? ?[^\W\d]{3,9}\.?,? \d{4}|[^\W\d]{3,9}\.? \d{1,2},? \d{4})"
@@ -98,6 +102,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     places = places[1:] if stated else places
     top = [lines[place] for place in places[:_SHOWING]]
     separator = stated[1] if stated else _separator(top)
+    _require_plain_cells(top)
     rows = [entries(line, separator) for line in top]
     if not rows or (len(rows) > _MOST_BELOW and not any(is_value(entry) for row in rows for entry in row)):
         return Dialect(separator, ".", (), len(lines), above=tuple(lines))
@@ -144,6 +149,26 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
         surplus=sum(map(bool, names[most:])) if data else 0,
         decimal_seen=seen is not None,
     )
+
+
+def _require_plain_cells(lines: Sequence[str]) -> None:
+    """Raise where most cells hold a number and its unit, as in `0.0 s,-0.45 deg/h`.
+
+    Raises
+    ------
+    InputError
+        They do.
+    """
+    for separator in SEPARATORS[:-1]:
+        cells = [cell for line in lines[1:] if separator in line for cell in entries(line, separator) if cell]
+        if not cells or sum(map(is_value, cells)) >= 0.5 * len(cells):
+            continue
+        with_unit = [cell for cell in cells if (found := _WITH_UNIT.fullmatch(cell)) and units.is_unit(found["unit"])]
+        if len(with_unit) >= 0.5 * len(cells):
+            raise InputError(
+                f"its cells hold units beside their numbers, the first {with_unit[0]!r}; write numbers alone, and a unit once, in "
+                "the name of its column, as 'rate [deg/h]'"
+            )
 
 
 def entries(line: str, separator: str) -> list[str]:

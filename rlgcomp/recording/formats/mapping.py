@@ -226,6 +226,33 @@ def require_droppable(drop: Collection[str], columns: Collection[str], path: str
         raise InputError(f"{path}: cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, columns))}")
 
 
+def require_same_rows(mapping: Mapping[str, str], table: pd.DataFrame, other: Mapping[str, int], name: str) -> None:
+    """Refuse to map a channel of a container that is not in its table, since it has other rows.
+
+    Parameters
+    ----------
+    mapping : mapping of str to str
+    table : pandas.DataFrame
+    other : mapping of str to int
+        Channels beside the table, and their rows.
+    name : str
+        Of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        One is mapped.
+    """
+    columns = list(map(str, table.columns))
+    for target, source in mapping.items():
+        if other and not has_column(columns, source) and has_column([*columns, *other], source):
+            channel = next(one.column for one in sources_of([*columns, *other], source, name, parts=True) if one.column in other)
+            raise InputError(
+                f"{name}: {channel}, mapped to {target}, has {other[channel]} rows and {', '.join(columns)} have {len(table)}: it "
+                "was left out; write a time of its own beside it, in a group of its own, or give both as many rows"
+            )
+
+
 def require_mapped(mapping: Mapping[str, str], files: Mapping[Path, Collection[str]]) -> None:
     """Refuse to map what no file has; `files` are the names of columns of each.
 

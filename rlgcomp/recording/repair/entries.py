@@ -5,6 +5,7 @@ A monitor's last value stands in for missing ones for a while; a row without a g
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 import numpy as np
@@ -19,6 +20,8 @@ from rlgcomp.units import SECONDS_PER_HOUR
 LARGEST_VALUE: Final = 1e15  # in any unit of any column
 LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing ones this long, and for the next in any case
 FEW_WORDS: Final = 0.2  # of a monitor's entries that may be words such as OVERRANGE among its numbers
+FEW_WORDS_OF_GYRO: Final = 0.01  # of its rows, which are left out: where it was beyond its range, more of them bias its means
+_LONGEST_SHOWN: Final = 40  # letters of an entry in a message
 _SHOWING: Final = 50  # rows that show whether a column holds dates
 _BLANK: Final = 0.5  # share of blank rows between readings
 _IN_STEP: Final = 0.8  # of the readings come one usual interval after the last
@@ -42,6 +45,12 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     return table
 
 
+def _shown(entry: object) -> str:
+    """An entry for a message: long ones cut, and runs of one sign, such as of zero bytes, shortened."""
+    text = re.sub(r"(.)\1{4,}", r"\1\1\1…", str(entry), flags=re.DOTALL)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
+
+
 def _holds_dates(values: pd.Series) -> bool:
     try:
         return dates_of(values) is not None
@@ -62,21 +71,20 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             continue
         numbers = _as_numbers(values)
         bad = np.flatnonzero(np.isnan(numbers) & values.notna().to_numpy())
-        few = max(3, (FEW if column == TIME or is_gyro(str(column)) else FEW_WORDS) * len(values))
+        share = FEW if column == TIME else FEW_WORDS_OF_GYRO if is_gyro(str(column)) else FEW_WORDS
+        few = max(3, int(share * len(values)))
+        first = _shown(values.iloc[bad[0]]) if len(bad) else ""
         if len(bad) <= few and len(bad) < len(values):
             if len(bad):
-                context.add(
-                    "repaired", message("recording.not_numbers", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0]
-                )
+                context.add("repaired", message("recording.not_numbers", entries=len(bad), first=first), column, bad[0])
             numeric[column] = numbers
         elif column == TIME:
-            context.add("refused", message("recording.not_times", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0])
+            context.add("refused", message("recording.not_times", entries=len(bad), first=first), column, bad[0])
         elif is_gyro(column):
-            context.add(
-                "refused", message("recording.not_numbers", entries=len(bad), first=str(values.iloc[bad[0]])), column, bad[0]
-            )
+            about = message("recording.too_many_words", entries=len(bad), of=len(values), first=first, allowed=few)
+            context.add("refused", about, column, bad[0])
         else:
-            about = message("recording.text_column", entries=len(bad), of=len(values), first=str(values.iloc[bad[0]]))
+            about = message("recording.text_column", entries=len(bad), of=len(values), first=first)
             context.add("noted", about, column)
     result = pd.DataFrame(numeric, copy=False)
     suspect = [str(name) for name, extent in context.extents(result).items() if not extent.within(LARGEST_VALUE)]

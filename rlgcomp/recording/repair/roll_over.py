@@ -11,7 +11,7 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.recording import TIME
-from rlgcomp.recording.repair.context import Array, Context
+from rlgcomp.recording.repair.context import FEW, Array, Context
 from rlgcomp.report.messages import message
 
 NEAR_THE_END: Final = 0.02  # of a clock's range, or three samples: so close to its ends are the stamps around a roll-over
@@ -32,12 +32,15 @@ class Clock:
         It falls by this time wherever it stands, as clocks that are put back do.
     short : bool
         It is so short that a run may last as long.
+    apart_s : float
+        Time that at least lies between two falls, where they stand anywhere: clocks are put back once a year.
     """
 
     name: str
     range_s: float
     anywhere: bool = False
     short: bool = False
+    apart_s: float = 0.0
 
 
 CLOCKS: Final = (
@@ -48,8 +51,8 @@ CLOCKS: Final = (
     Clock("2^32 counts", 2.0**32),
     Clock("2^31 us", 2.0**31 * 1e-6),
     Clock("2^31 ms", 2.0**31 * 1e-3),
-    Clock("12 hours", 0.5 * units.SECONDS_PER_DAY, anywhere=True),
-    Clock("one hour, as daylight saving ends", units.SECONDS_PER_HOUR, anywhere=True),
+    Clock("12 hours", 0.5 * units.SECONDS_PER_DAY, anywhere=True, apart_s=0.45 * units.SECONDS_PER_DAY),
+    Clock("one hour, as daylight saving ends", units.SECONDS_PER_HOUR, anywhere=True, apart_s=300.0 * units.SECONDS_PER_DAY),
     Clock("2^16 counts", 2.0**16, short=True),
     Clock("2^16 ms", 2.0**16 * 1e-3, short=True),
     Clock("2^32 ns", 2.0**32 * 1e-9, short=True),
@@ -71,7 +74,7 @@ def roll_overs(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     period_s = float(np.median(steps[steps > 0.0]))
     fitting = [(clock, _of_clock(time_s[known], falls, period_s, clock)) for clock in CLOCKS]
     clock, rows = max(fitting, key=lambda pair: len(pair[1]))
-    if not len(rows):
+    if not len(rows) or len(falls) - len(rows) > max(3, FEW * len(known)):  # rows out of order, as time_order will say
         return table
     turns = np.zeros(len(known))
     turns[rows + 1] = 1.0
@@ -89,7 +92,9 @@ def _of_clock(time_s: Array, falls: npt.NDArray[np.intp], period_s: float, clock
     stays = later_s - time_s[falls + 1] < 0.5 * (time_s[falls] - time_s[falls + 1])
     if clock.anywhere:
         exact = np.abs(after_s - period_s) <= 0.5 * period_s
-        return falls[exact & stays & (time_s[falls + 1] != time_s[0])]
+        found = falls[exact & stays & (time_s[falls + 1] != time_s[0])]
+        apart_s = np.diff(time_s[found]) + clock.range_s
+        return found if (apart_s >= clock.apart_s).all() else falls[:0]
     near_s = max(NEAR_THE_END * clock.range_s, 3.0 * period_s)
     for begins_s in (0.0, -0.5 * clock.range_s):
         inside = begins_s <= float(time_s.min()) and float(time_s.max()) <= begins_s + clock.range_s

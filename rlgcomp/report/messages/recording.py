@@ -241,6 +241,11 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "recording.too_few_rows": "{rows} rows: too short to average; at least {least} rows are needed",
     "recording.few_usable_rows": "only {rows} usable rows are left; at least {least} are needed to average",
     "recording.not_numbers": "{entries} entries are no numbers, the first {first!r}",
+    "recording.too_many_words": (
+        "{entries} of {of} entries are no numbers, the first {first!r}; {allowed} are allowed, whose rows are left out: a gyro "
+        "beyond its range has wrong means; record with a wider range, or give the rows without them, or leave these cells empty "
+        "where there was no reading"
+    ),
     "recording.text_column": "{entries} of {of} entries are no numbers, the first {first!r}: left out",
     "recording.absurd_values": "{values} values are infinite or beyond {largest:.0e}: they count as missing",
     "recording.empty_gyro": "every value is missing (NaN); leave the column out with --drop {column}, or mend the file",
