@@ -156,13 +156,15 @@ _FLIGHT: Final = 2.0 / priors.THRESHOLDS  # of a ladder: were its dead bands wid
 
 
 def hops(setting: Setting) -> list[Family]:
-    """Single hops and ladders."""
+    """Single hops, of a wide dead band as well, and ladders."""
     driver = setting.temperature
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
-    kin, one = (Smooth(setting.thermal, 0.5, 8),), Relays(driver, (0.0,), (0.0,), widest=priors.WIDEST_DEAD_BAND)
-    rested = dataclasses.replace(one, begins=_begins(setting))
+    kin, begins = (Smooth(setting.thermal, 0.5, 8),), _begins(setting)
     families = []
-    for band in priors.DEAD_BANDS:
+    for band in (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS):
+        widest = priors.WIDEST_DEAD_BAND if band < priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE
+        one = Relays(driver, (0.0,), (0.0,), widest=widest)
+        rested = dataclasses.replace(one, begins=begins)
         for start in SIDES if band else ("rested",):
             hop = rested if start == "rested" else dataclasses.replace(one, start=start)
             single = [
@@ -192,6 +194,8 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         if len(form.lead) >= priors.MOST_STEPS or not isinstance(first, Relays) or len(first.up) > 1:
             return
         band = first.up[0] - first.down[0]
+        if band > priors.WIDEST_DEAD_BAND:  # of several such relays a hysteresis is made
+            return
         share = form.log_share + math.log(priors.MORE_STEPS / len(levels))
         for level in levels:
             if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
