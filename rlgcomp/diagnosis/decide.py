@@ -125,14 +125,16 @@ def _discrepancy(region: Region, state: State, regions: Mapping[str, Region]) ->
     """Whether a member is no larger than the discrepancy of a named one of the same columns and memory.
 
     A static function has its smooth departures in the model, and evidence beside them stands. An equation that a mechanism states
-    itself has none: there what follows the same column beside the table's rate may be its form.
+    itself has none: what follows the same columns may be its form where it has shapes, or follows more than the table's rate. One
+    of the rate alone without shapes, such as a misalignment, is geometry and exact.
     """
     of_region = {member.form.region: member for member in state.members}
     for key, member in of_region.items():
         one = regions[key]
         if one.mechanism is None or priors.DISCREPANCY * member.size < of_region[region.key].size:
             continue
-        form_of = not member.form.smooth and bool(set(region.drivers) - {TABLE_RATE})
+        shaped = any(basis.parameters() for basis in member.form.lead)
+        form_of = not member.form.smooth and (shaped or bool(set(region.drivers) - {TABLE_RATE}))
         if set(region.drivers) <= set(one.drivers) and region.memory == one.memory and (form_of or region.memory != "static"):
             return True
     return False
