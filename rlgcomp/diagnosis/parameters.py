@@ -20,6 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, Own, Power
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.fit import Estimate, Fit
@@ -34,7 +35,7 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
-_SAME: Final = 0.05  # of the white noise of a window mean, or of the term: an equation that leaves less describes it
+_SAME: Final = 0.05  # of the white noise of a window mean: what leaves less, or less than a law's discrepancy, describes it
 _CHANCE: Final = 2.0  # times the square that errors of the weights leave: a misfit within it is chance
 _ABSORBED: Final = 1e-6  # of a column, beside the baseline: an amplitude of which no more is left is the baseline's own
 _STEP: Final = 1.0 / 32.0  # of the grid, at which amplitudes' changes with a shape are taken
@@ -70,6 +71,9 @@ def _nearest(fit: Fit, k: int, columns: Array) -> _Nearest:
     inside = fit.inside(k)
     covariance = fit.solution.covariance[inside, inside]
     projected = fit.projected(np.hstack([columns, *(scale * fit.bank.columns(basis) for basis, scale in fit.parts[k][1])]))
+    if runs := runs_of(fit.parts[k][0].form):  # the constant of some runs is not the baseline's
+        constant = fit.projected(fit.data.means(lambda run: np.full((run.bins, 1), float(run.name in runs))))
+        projected = projected - constant @ (np.linalg.pinv(constant, rcond=1e-10) @ projected)
     equation, term = projected[:, : columns.shape[1]], projected[:, columns.shape[1] :]
     inverse = np.linalg.pinv(equation, rcond=1e-10)
     of_weights = inverse @ term
@@ -78,7 +82,7 @@ def _nearest(fit: Fit, k: int, columns: Array) -> _Nearest:
     rest = term - equation @ of_weights
     by_chance = float(np.einsum("ij,jk,ik->", rest, covariance, rest)) / len(rest)
     misfit = math.sqrt(max(float(np.mean((function - equation @ values) ** 2)) - _CHANCE * by_chance, 0.0))
-    limit = _SAME * max(fit.white, float(np.sqrt(np.mean(function**2))))
+    limit = max(_SAME * fit.white, priors.DISCREPANCY * float(np.sqrt(np.mean(function**2))))
     most = misfit * math.sqrt(len(rest)) * np.linalg.norm(inverse, axis=1)
     return _Nearest(values, of_weights @ covariance @ of_weights.T, most, misfit <= limit, limit, equation)
 
