@@ -7,7 +7,8 @@ parameter. With the columns E of an equation, the term f = B w, and both whitene
 
 with C the posterior covariance of all weights of the term; what the baseline may take of the equation is no part of its parameters.
 What the equation leaves of the function, beyond what the covariance allows, is its misfit. A parameter could be off by all of it
-were other windows weighted, and where it exceeds a twentieth of the term and of the noise no parameters are stated.
+were other windows weighted, so that it is in their errors; where it exceeds the discrepancy of a law and a twentieth of the noise,
+no parameters are stated.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from rlgcomp.units import display_unit
 Array = npt.NDArray[np.float64]
 _SAME: Final = 0.05  # of the white noise of a window mean: what leaves less, or less than a law's discrepancy, describes it
 _CHANCE: Final = 2.0  # times the square that errors of the weights leave: a misfit within it is chance
-_ABSORBED: Final = 1e-6  # of a column, beside the baseline: an amplitude of which no more is left is the baseline's own
+_ABSORBED: Final = 1e-6  # of a column beside the baseline, or of a term: an amplitude of which no more is left is none of its own
 _STEP: Final = 1.0 / 32.0  # of the grid, at which amplitudes' changes with a shape are taken
 
 
@@ -141,7 +142,10 @@ def _own_names(
         projected = fit.projected(columns)
         there = np.linalg.norm(projected, axis=0) > _ABSORBED * np.linalg.norm(columns, axis=0)
         change = np.linalg.pinv(projected[:, there], rcond=1e-10) @ found.columns
-        off = float(np.sqrt(np.mean((wanted - projected[:, there] @ change @ found.values) ** 2)))
+        parts = projected[:, there] * (change @ found.values)
+        off = float(np.sqrt(np.mean((wanted - parts.sum(axis=1)) ** 2)))
+        takes_part = np.linalg.norm(parts, axis=0) > _ABSORBED * np.linalg.norm(wanted)  # others are no part of the leading basis
+        there[there], change = takes_part, change[takes_part]
         if there.any() and off <= found.limit and (best is None or off < best[0]):
             best = off, tuple(itertools.compress(names, there)), change
     if best is not None:

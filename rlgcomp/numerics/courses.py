@@ -200,16 +200,12 @@ class _Readings:
         self.scale = self.step**2 + self.noise
         self.precisions = np.full(len(self.values), 1.0 / (self.noise + self.step**2 / 4.0))
         self.shifts = self.precisions * self.values
+        self.spread = float(np.max(np.diff(self.values) ** 2)) + self.scale  # variance of the first value, and of the first rate
 
     @property
     def rough(self) -> float:
         """An intensity that is rather too large."""
         return _ROUGH * max(float(np.mean(np.diff(self.values, 2) ** 2)), self.scale)
-
-    @property
-    def _spread(self) -> float:
-        """Variance of the first value, and of the first rate."""
-        return float(np.max(np.diff(self.values) ** 2)) + self.scale
 
     def posterior(self, intensity: float) -> tuple[Array, Array, Array, Array, Array, float]:
         """Means, variances, gains, moments, responses and log evidence; the normal readings stay as they came out."""
@@ -217,7 +213,7 @@ class _Readings:
         filtered, gains, moments = np.empty((n, 9)), np.zeros((n, 4)), np.empty((n, 3))
         means, variances, responses, log_evidence = self.values, self.values, np.empty((n, 0)), 0.0
         for _ in range(_ROUNDS if self.step else 1):
-            _filter(self.precisions, intensity, self._spread, filtered)
+            _filter(self.precisions, intensity, self.spread, filtered)
             _smooth(filtered, gains, moments)
             innovations, smooth = self._response(self.shifts / self.precisions - first, filtered, gains)
             log_evidence = -0.5 * float(np.sum(np.log(2.0 * math.pi * filtered[:, 0])) + innovations @ innovations)
@@ -237,14 +233,13 @@ class _Readings:
     def evidence_with(self, columns: Array, intensity: float) -> Array:
         """Log evidence of the normal readings without, and with each of other courses to follow, shape (1 + k,)."""
         filtered, followed = np.empty((len(self.values), 9)), self.expected.shape[1]
-        _filter(self.precisions, intensity, self._spread, filtered)
+        _filter(self.precisions, intensity, self.spread, filtered)
         innovations = np.column_stack([self.expected, self.shifts / self.precisions - self.values[0], columns])
         _innovate(innovations, filtered)
         products = innovations.T @ innovations
         F = np.eye(followed) + products[:followed, :followed]
-        beside = products[followed:, followed:] - products[followed:, :followed] @ np.linalg.solve(
-            F, products[:followed, followed:]
-        )
+        across = products[:followed, followed:]
+        beside = products[followed:, followed:] - across.T @ np.linalg.solve(F, across)
         own = 1.0 + np.diag(beside)[1:]
         without = -0.5 * float(np.sum(np.log(filtered[:, 0])) + np.linalg.slogdet(F)[1] + beside[0, 0])
         return without + np.concatenate([[0.0], 0.5 * beside[0, 1:] ** 2 / own - 0.5 * np.log(own)])

@@ -15,6 +15,7 @@ A. Goldenshluger, A. Nemirovski, "On spatially adaptive estimation of nonparamet
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Final, Self
@@ -133,9 +134,10 @@ class Readings:
         at = (np.arange(len(bins) * self.each) + 0.5) / self.each - 0.5
         spread = _WEIGHT * float(np.std(self.values))
 
-        def columns(ways: Sequence[tuple[int, float]]) -> Array:
-            found = [np.exp(-bins / time) if place < 0 else lag(others[place], bins, time) for place, time in ways]
-            return np.column_stack([np.interp(at, bins, spread * (one - one[0]) / one.std()) for one in found])
+        @functools.cache
+        def column(place: int, time: float) -> Array:
+            one = np.exp(-bins / time) if place < 0 else lag(others[place], bins, time)
+            return np.interp(at, bins, spread * (one - one[0]) / one.std())
 
         grid = np.geomspace(_SHORTEST_LAG, max(len(bins), 2.0 * _SHORTEST_LAG), _LAGS_OF_HEAT)
         course = self.course
@@ -143,12 +145,12 @@ class Readings:
             tried: dict[tuple[int, float], float] = {}
             ways, ratio = [(place, time) for place in range(-1, len(others)) for time in grid], grid[1] / grid[0]
             for _ in range(_HALVINGS):
-                tried |= dict(zip(ways, course.gains_of(columns(ways)), strict=True))
+                tried |= dict(zip(ways, course.gains_of(np.column_stack([column(*way) for way in ways])), strict=True))
                 best, ratio = max(tried, key=lambda way: tried[way]), math.sqrt(ratio)
                 ways = [(best[0], best[1] / ratio), (best[0], best[1] * ratio)]
             if not tried[best] > _FOLLOWED:
                 break
-            found = course.following(np.column_stack([course.readings.expected, columns([best])]))
+            found = course.following(np.column_stack([course.readings.expected, column(*best)]))
             if not found.log_evidence > course.log_evidence + _FOLLOWED:  # or it is not a number
                 break
             course = found
