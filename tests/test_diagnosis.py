@@ -77,6 +77,15 @@ def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expect
     assert found.verdict in (("explained", "ambiguous") if expected else ("none",))
 
 
+def test_amplitudes_that_a_form_has_no_part_of_are_not_stated() -> None:
+    """One play is the third of the catalogue's three, whose radius the mechanism has; the other two are not nought with an error."""
+    runs = made({"thermal_hysteresis": {"k1_deg_h_K": 0.0, "k2_deg_h_K": 0.0, "k3_deg_h_K": 2e-3, "radius_K": 8.0}})
+    (cause,) = diagnose(Simulator.from_mapping(BASELINE), runs, only=["thermal_hysteresis"], black_box=False).causes
+    assert set(cause.parameters) == {"k3_deg_h_K", "radius_K"}
+    for name, true in (("k3_deg_h_K", 2e-3), ("radius_K", 8.0)):
+        assert abs(cause.parameters[name].value - true) < 4.0 * cause.parameters[name].sd
+
+
 def test_mapping_has_the_keys_of_the_contract() -> None:
     runs = made({"supply_voltage": {"k_deg_h_V": 0.5}})
     content = diagnose(Simulator.from_mapping(BASELINE), runs[:1], runs[1:], black_box=False).to_mapping()
