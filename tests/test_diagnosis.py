@@ -78,7 +78,7 @@ def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expect
 
 
 def test_amplitudes_that_a_form_has_no_part_of_are_not_stated() -> None:
-    """One play is the third of the catalogue's three, whose radius the mechanism has; the other two are not nought with an error."""
+    """One play is the third of the catalogue's three, whose radius the mechanism has; the other two are not stated."""
     runs = made({"thermal_hysteresis": {"k1_deg_h_K": 0.0, "k2_deg_h_K": 0.0, "k3_deg_h_K": 2e-3, "radius_K": 8.0}})
     (cause,) = diagnose(Simulator.from_mapping(BASELINE), runs, only=["thermal_hysteresis"], black_box=False).causes
     assert set(cause.parameters) == {"k3_deg_h_K", "radius_K"}
