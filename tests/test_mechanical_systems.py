@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -70,12 +71,13 @@ def test_a_reading_of_the_output_is_known_by_its_factor(
     rng = np.random.default_rng(1)
     runs = []
     for k in range(2):
-        time_s = 0.1 * np.arange(4000)
+        time_s = 0.1 * np.arange(2000)
         turn = np.sin(time_s / 7.0 + k) + 0.5 * np.sin(time_s / 3.0) + 1e-3 * rng.standard_normal(len(time_s))
         smooth = np.convolve(turn, np.ones(25) / 25, "same")
         table = pd.DataFrame({"time_s": time_s, "turn_deg_s": smooth, column: of_output(time_s, smooth)})
         runs.append(recording(table.iloc[30:-30], f"run{k}"))
-    found = diagnose(lambda run: np.zeros(len(run)), runs, output="turn_deg_s", black_box=False, only=["warm_up"])
+    options: dict[str, Any] = {"output": "turn_deg_s", "window_s": 4.0, "only": ["warm_up"], "black_box": False}
+    found = diagnose(lambda run: np.zeros(len(run)), runs, **options)
     told = [(one.data["column"], one.data["output_is"]) for one in found.remarks if one.code == "diagnosis.identity"]
     assert told == expected
 

@@ -90,15 +90,16 @@ def hypotheses(whole: rlg.Recording) -> None:
     print()
 
 
-def diagnosed(whole: rlg.Recording, axis: str, candidates: Sequence[str]) -> rlg.Diagnosis:
+def diagnosed(whole: rlg.Recording, axis: str, candidates: Sequence[str], window_s: float = AVERAGING_S) -> rlg.Diagnosis:
     """What a cubic polynomial in temperature is missing on one axis: a run for each leg, the third held out."""
     return rlg.diagnose(
         rlg.Simulator.from_mapping(CUBIC),
         [leg(whole, 1), leg(whole, 2)],
         [leg(whole, 3)],
         gyro=f"gyro_{axis}_deg_s",
-        window_s=AVERAGING_S,
+        window_s=window_s,
         mechanisms={name: rlg.CATALOGUE[name] for name in candidates},
+        black_box=False,
     )
 
 
