@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from tests.few_monitors import few_monitors
 
@@ -38,7 +39,8 @@ def runs() -> list[rlg.Recording]:
 @pytest.fixture(scope="module")
 def diagnosis(runs: list[rlg.Recording]) -> Diagnosis:
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, LINE]})
-    return diagnose(simulator, runs[:2], runs[2:], black_box=False)
+    few = ["supply_voltage", "magnetic_field", "thermal_lag", "warm_up"]
+    return diagnose(simulator, runs[:2], runs[2:], only=few, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
 
 
 def test_each_training_run_has_amplitudes_of_its_own(diagnosis: Diagnosis) -> None:

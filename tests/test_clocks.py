@@ -30,7 +30,7 @@ def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism
         table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.interp(time_s - offset_s, time_s, of_bias), **shown})
         runs.append(few_monitors(rlg.Recording(run.table, run.metadata, name=programme)))
         simulated.append(rlg.Recording(table, name=f"simulated-{programme}"))
-    return rlg.diagnose(None, runs, simulated=simulated, black_box=False)
+    return rlg.diagnose(None, runs, simulated=simulated, window_s=240.0, black_box=False)  # by default of 120 s
 
 
 def clock(diagnosis: Any) -> dict[str, tuple[float, float]]:

@@ -11,7 +11,7 @@ import pytest
 from rlgcomp.diagnosis.bases import Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import decided
-from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import Errors, errors_of
 from rlgcomp.diagnosis.evidence import Member
@@ -221,8 +221,13 @@ def test_errors_of_a_driver_are_what_they_bring_into_the_output() -> None:
     assert np.mean(white**2) == pytest.approx(1.0, abs=0.6)
 
 
+def asked(runs: list[Recording]) -> Diagnosis:
+    """On windows twice as long as by default."""
+    return diagnose(Simulator.from_mapping(STATIC), runs, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+
+
 def test_a_strong_monitor_with_noise_has_no_second_law() -> None:
-    content = diagnose(Simulator.from_mapping(STATIC), made(6, slope=12.0, read_noise=0.3), black_box=False).to_mapping()
+    content = asked(made(6, slope=12.0, read_noise=0.3)).to_mapping()
     assert [finding["mechanism"] for finding in content["findings"]] == ["light_intensity"]
     assert content["verdict"] == "explained"
 
@@ -237,7 +242,7 @@ def test_a_thermometer_that_rounds_is_no_physics(step_K: float) -> None:
         run.replace(table=run.table.assign(temperature_block_degC=other.column("temperature_block_degC")))
         for run, other in zip(runs, made(7, slope=0.0, read_noise=0.0, step_K=step_K), strict=True)
     ]
-    assert diagnose(Simulator.from_mapping(STATIC), rounded, black_box=False).verdict == "none"
+    assert asked(rounded).verdict == "none"
 
 
 def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
@@ -246,7 +251,7 @@ def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
     wild[1200:1215] += 60.0
     wild[2210:2222] -= 80.0
     runs[0] = runs[0].replace(table=runs[0].table.assign(gyro_deg_h=wild))
-    found = diagnose(Simulator.from_mapping(STATIC), runs, black_box=False)
+    found = asked(runs)
     assert found.verdict == "none"
     assert found.posterior.null > 0.9
 
@@ -329,7 +334,8 @@ def test_without_a_thermometer_nothing_is_thermal() -> None:
     noisy = [
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + rng.standard_normal(len(run)))) for run in runs
     ]
-    content = diagnose(lambda run: 0.5 * run.column("angle_rad"), noisy, black_box=False).to_mapping()
+    window_s = 2.0 * Grid.of(noisy).window_s
+    content = diagnose(lambda run: 0.5 * run.column("angle_rad"), noisy, window_s=window_s, black_box=False).to_mapping()
     assert content["findings"] == []
     assert content["verdict"] == "unknown"
     assert content["unexplained"]["drivers"] == ["angle_rad"]
@@ -338,7 +344,7 @@ def test_without_a_thermometer_nothing_is_thermal() -> None:
 def test_the_simulator_before_is_calibrated_by_least_squares_where_the_gyro_is_white() -> None:
     """What a slow effect seems to be without its mechanism, a random walk, weighs no window of the simulator alone."""
     runs = made(6, slope=12.0, read_noise=0.0)
-    found = diagnose(Simulator.from_mapping(STATIC), runs, black_box=False)
+    found = asked(runs)
     assert [finding["mechanism"] for finding in found.to_mapping()["findings"]] == ["light_intensity"]
     averaged = [run.averaged(found.train.averaging_s) for run in runs]
     table = np.concatenate([np.vander((run.column("temperature_block_degC") - 20.0) / 30.0, 4) for run in averaged])

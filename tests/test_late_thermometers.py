@@ -51,13 +51,14 @@ def made(lag_s: float, *, slope: float = 0.01, rate: float = 0.0, behind: float 
     return runs
 
 
-def asked(runs: list[Recording]) -> Diagnosis:
-    return diagnose(Simulator.from_mapping(STATIC), runs, black_box=False)
+def asked(runs: list[Recording], *only: str) -> Diagnosis:
+    """On windows twice as long as by default, of which there are half as many."""
+    return diagnose(Simulator.from_mapping(STATIC), runs, only=only, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
 
 
 @functools.cache
 def late() -> Diagnosis:
-    """Of a thermometer that is late by half a window and nothing else."""
+    """Of a thermometer that is late by a quarter of a window and nothing else."""
     return asked(made(35.0))
 
 
@@ -76,7 +77,7 @@ def test_a_late_thermometer_is_no_physics() -> None:
 
 def test_without_the_term_it_would_be_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rlgcomp.diagnosis.nuisances.late_regions", lambda data: iter(()))
-    assert asked(made(35.0)).verdict != "none"
+    assert asked(made(35.0), "thermal_lag", "temperature_rate").verdict != "none"
 
 
 @pytest.mark.parametrize(
@@ -90,8 +91,8 @@ def test_missing_physics_beside_a_late_thermometer_is_named(missing: dict[str, f
 
 
 def test_what_could_be_either_is_sure_of_neither() -> None:
-    """A rate that a thermometer of two thirds of a window's lag would give."""
-    found = asked(made(0.01, rate=0.008))
+    """A rate that a thermometer of a third of a window's lag would give."""
+    found = asked(made(0.01, rate=0.008), "thermal_lag", "temperature_rate")
     assert max([found.posterior.null, *(cause.probability for cause in found.causes)]) < 0.99
 
 
@@ -110,7 +111,7 @@ def monitored(lag_s: float) -> list[Recording]:
 
 
 def test_any_monitor_may_be_late() -> None:
-    found = asked(monitored(40.0))
+    found = asked(monitored(40.0), "thermal_lag")
     assert (found.verdict, found.decision.drivers, found.decision.memory) == ("unknown", ("humidity_percent",), "static")
     assert [one.name for one in found.members] == ["law:humidity_percent"]
     (lag,) = found.recalibration["late monitor"].values()
@@ -122,7 +123,7 @@ def test_any_monitor_may_be_late() -> None:
 
 
 def test_a_monitor_in_time_is_not_told_as_late() -> None:
-    found = asked(monitored(0.01))
+    found = asked(monitored(0.01), "thermal_lag")
     assert [one.name for one in found.members] == ["law:humidity_percent"]
     assert "diagnosis.late_monitor" not in {remark.code for remark in found.remarks}
 

@@ -29,7 +29,7 @@ def real(missing: dict[str, dict[str, float]]) -> Simulator:
 
 @pytest.fixture(scope="module")
 def one_ramp() -> Recording:
-    return real(LAG).simulate("start 20, ramp 50 2, hold 120", step_s=20.0, name="one ramp")
+    return real(LAG).simulate("start 20, ramp 50 2, hold 120", step_s=40.0, name="one ramp")
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_the_programme_it_proposes_parts_the_sets(found: Diagnosis, one_ramp: Re
     assert promise is not None
     assert promise.code == "diagnosis.next_experiment"
     assert promise.data["expected"] == experiment.expected_probability_after > 0.95
-    run = real(LAG).simulate(experiment.profile, seed=1, step_s=20.0, name="next")
+    run = real(LAG).simulate(experiment.profile, seed=1, step_s=40.0, name="next")
     after = diagnose(BASE, [one_ramp, run], only=["thermal_lag", "ageing"], black_box=False)
     assert [cause.name for cause in after.causes] == ["thermal_lag"]
     assert after.causes[0].probability > 0.9
@@ -76,7 +76,7 @@ def test_the_programme_it_proposes_parts_the_sets(found: Diagnosis, one_ramp: Re
 
 def test_it_is_told_where_no_programme_parts_the_sets() -> None:
     """In this plant the block's rate and its gradient to the shell are one column."""
-    run = real(RATE).simulate("start 20, hold 30, ramp 50 1, hold 60, ramp 20 1, hold 30", step_s=20.0)
+    run = real(RATE).simulate("start 20, hold 30, ramp 50 1, hold 60, ramp 20 1, hold 30", step_s=40.0)
     found = diagnose(BASE, [run], only=["temperature_rate", "thermal_gradient"], black_box=False)
     assert found.verdict == "ambiguous"
     assert found.next_experiment is None

@@ -22,6 +22,7 @@ PROGRAMMES = (
     "start 30, hold 30, ramp 0 1, hold 40, ramp 25 1, hold 30",
     "start 10, hold 30, ramp 35 1.2, hold 40, ramp 0 1, hold 20",
 )
+FEW = ("supply_voltage", "magnetic_field", "thermal_lag", "temperature_rate", "warm_up")
 BASELINE = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
 
 
@@ -44,13 +45,16 @@ def further_run() -> rlg.Recording:
 
 
 def diagnosed(*args: Any) -> Diagnosis:
-    return diagnose(rlg.Simulator.from_mapping(BASELINE), made(*args), black_box=False)
+    """On windows twice as long as by default."""
+    runs = made(*args)
+    return diagnose(rlg.Simulator.from_mapping(BASELINE), runs, only=FEW, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
 
 
 @pytest.fixture(scope="module")
 def in_one() -> Diagnosis:
     runs = made((0.0, 0.8, 0.0))
-    return diagnose(rlg.Simulator.from_mapping(BASELINE), runs, [further_run()], black_box=False)
+    window_s = 2.0 * Grid.of(runs).window_s
+    return diagnose(rlg.Simulator.from_mapping(BASELINE), runs, [further_run()], only=FEW, window_s=window_s, black_box=False)
 
 
 def test_an_effect_in_one_run_is_named_with_its_run(in_one: Diagnosis) -> None:
@@ -69,9 +73,8 @@ def test_a_gain_in_runs_where_no_finding_acts_is_of_the_simulators_own_numbers(i
     assert in_one.test is not None
     assert gain.data["mechanisms"] == ["supply_voltage"]
     assert (gain.data["before"], gain.data["after"]) == (in_one.test.baseline_rms, in_one.test.augmented_rms)
-    everywhere = diagnose(
-        rlg.Simulator.from_mapping(BASELINE), made((0.8, 0.8, 0.8)), [further_run()], only=["supply_voltage"], black_box=False
-    )
+    few: dict[str, Any] = {"only": ["supply_voltage"], "window_s": in_one.train.averaging_s, "black_box": False}
+    everywhere = diagnose(rlg.Simulator.from_mapping(BASELINE), made((0.8, 0.8, 0.8)), [further_run()], **few)
     assert [cause.name for cause in everywhere.causes] == ["supply_voltage"]
     assert "diagnosis.gain_of_numbers" not in {one.code for one in everywhere.remarks}
 

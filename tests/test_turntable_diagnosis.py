@@ -60,7 +60,7 @@ def test_names_what_is_missing_of_a_table(missing: tuple[str | dict[str, Any], .
 )
 def test_augmented_file_holds_what_is_named_of_a_table(missing: dict[str, Any]) -> None:
     *train, test = made(missing, runs=3)
-    found = diagnose(BASE, train, [test], black_box=False)
+    found = diagnose(BASE, train, [test], only=[*missing, "misalignment", "encoder_delay"], black_box=False)
     assert [finding["mechanism"] for finding in found.to_mapping()["findings"]] == list(missing)
     assert test.truth is not None
     without_noise = test.truth[["scale_factor", *missing]].sum(axis=1) + BASE.nominal_deg_h(test)
