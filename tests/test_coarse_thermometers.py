@@ -31,7 +31,7 @@ def cubic() -> rlg.Simulator:
 @pytest.mark.parametrize("step_K", [0.25, 1.0])
 def test_steps_of_a_thermometer_are_no_physics(cubic: rlg.Simulator, step_K: float, ways: tuple[bool, bool]) -> None:
     runs = [warming(31 + k, up=up, step_K=step_K) for k, up in enumerate(ways)]
-    assert rlg.diagnose(cubic, train=runs).verdict == "none"
+    assert rlg.diagnose(cubic, train=runs, black_box=False).verdict == "none"
 
 
 @pytest.mark.parametrize(
@@ -39,4 +39,5 @@ def test_steps_of_a_thermometer_are_no_physics(cubic: rlg.Simulator, step_K: flo
 )
 def test_shared_cases(cubic: rlg.Simulator, runs: tuple[str, str]) -> None:
     folder = case("01-rounded-thermometer-false-physics")
-    assert rlg.diagnose(cubic, train=[rlg.read(folder / f"{run}.parquet") for run in runs]).verdict == "none"
+    recordings = [rlg.read(folder / f"{run}.parquet") for run in runs]
+    assert rlg.diagnose(cubic, train=recordings, black_box=False).verdict == "none"

@@ -20,6 +20,7 @@ from sklearn.tree import DecisionTreeRegressor
 from sklearn.tree._tree import Tree
 
 import rlgcomp as rlg
+from rlgcomp.compensation import foreign_models
 from rlgcomp.compensation.foreign_models import packed
 from rlgcomp.files import sha256
 
@@ -124,12 +125,17 @@ def test_a_tree_that_leads_nowhere_is_refused(runs: list[rlg.Recording], tmp_pat
             rlg.load(tmp_path / "model")
 
 
-def test_a_file_that_unpacks_to_more_than_any_model_is_refused(runs: list[rlg.Recording], tmp_path: Path) -> None:
+def test_a_file_that_unpacks_to_more_than_any_model_is_refused(
+    runs: list[rlg.Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 1 GiB; here a limit of 1 MiB stands for it, which is packed sooner."""
     pytest.importorskip("skops", reason="skops is not installed (pip install 'rlgcomp[python]')")
+    assert foreign_models.LARGEST_BYTES == 1 << 30
+    monkeypatch.setattr(foreign_models, "LARGEST_BYTES", 1 << 20)
     saved(Ridge(), runs, tmp_path / "model")
     with zipfile.ZipFile(tmp_path / "model" / "model.skops", "w", zipfile.ZIP_DEFLATED) as archive, archive.open("a", "w") as item:
         for _ in range(1025):
-            item.write(bytes(1 << 20))
+            item.write(bytes(1 << 10))
     resealed(tmp_path / "model")
-    with pytest.raises(rlg.InputError, match="unpacks to 1074790400 bytes"):
+    with pytest.raises(rlg.InputError, match="unpacks to 1049600 bytes"):
         rlg.load(tmp_path / "model")

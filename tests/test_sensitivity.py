@@ -36,7 +36,7 @@ FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage"
 @functools.cache
 def recordings() -> tuple[rlg.Recording, ...]:
     gyro = rlg.Simulator.from_mapping(SIMULATOR | {"noise": {"angle_random_walk_deg_sqrt_h": 0.0004}})
-    return tuple(few_monitors(gyro.simulate("short", seed=seed, step_s=5.0, name=f"run{seed}")) for seed in (1, 2))
+    return tuple(few_monitors(gyro.simulate("short", seed=seed, step_s=30.0, name=f"run{seed}")) for seed in (1, 2))
 
 
 @functools.cache

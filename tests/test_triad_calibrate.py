@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 from pathlib import Path
 
@@ -11,7 +12,13 @@ import pytest
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
-from rlgcomp.calibration.triad.calibrate import calibrate_turntable, navigator_remarks, predicted, rate_bias
+from rlgcomp.calibration.triad.calibrate import (
+    TableCalibration,
+    calibrate_turntable,
+    navigator_remarks,
+    predicted,
+    rate_bias,
+)
 from rlgcomp.calibration.triad.estimate import TriadCalibration
 from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.run import TableRun
@@ -124,7 +131,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, recordings: list[rlg.Recordi
     return [folder / f"{recording.name}.parquet" for recording in recordings]
 
 
-def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: list[Path]) -> None:
+def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
     result = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--report", tmp_path / "report")
     assert result.exit_code == 0, result.output
     assert "pass through zero rate" in result.output
@@ -144,14 +151,25 @@ def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: li
     assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
         "http://creativecommons.org", ""
     )
+    monkeypatch.setattr("rlgcomp.calibration.triad.calibrate.calibrate_turntable", lambda *_, **__: of_two_steps(0.0004))
     again = invoke("calibrate", *files[:2], "--out", tmp_path / "again.json", "--json", "--angle-random-walk", "0.0004")
     assert json.loads(again.stdout)["schema"] == "rlgcomp.calibration/1"
+
+
+@functools.cache
+def of_two_steps(angle_random_walk_deg_sqrt_h: float) -> TableCalibration:
+    """Where what is written is the matter, and the calibration is not."""
+    return calibrate_turntable(triads.recordings()[:2], angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
 
 
 @pytest.mark.parametrize("report", ["report", "."])
 def test_a_calibration_and_its_report_are_replaced_together(
     tmp_path: Path, files: list[Path], monkeypatch: pytest.MonkeyPatch, report: str
 ) -> None:
+    monkeypatch.setattr(
+        "rlgcomp.calibration.triad.calibrate.calibrate_turntable",
+        lambda *_, angle_random_walk_deg_sqrt_h, **__: of_two_steps(angle_random_walk_deg_sqrt_h),
+    )
     out = tmp_path / "out" / "cal.json"
     out.parent.mkdir()
     command = ("calibrate", *files[:2], "--out", out, "--report", out.parent / report, "--angle-random-walk")
