@@ -25,6 +25,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import main, register_commands
 from rlgcomp.cli.base import app
 from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.export.toolchain import TOOLCHAINS
 from tests.own_mechanism import write_bellows
 
 COMMANDS = ["demo", "inspect", "simulate", "mechanisms", "predict", "train", "evaluate", "compensate", "allan"]
@@ -437,14 +438,14 @@ def test_a_search_stopped_by_a_signal_leaves_no_model_and_goes_on(folder: Path, 
     """SIGINT in the middle of `train`: exit code 130, a journal, no model; the same command again finishes from there."""
     gyro = rlg.simulated_unit(1)
     for seed in (1, 2):
-        rlg.write(gyro.simulate("paper", seed=seed, step_s=5.0), tmp_path / f"r{seed}.parquet")
+        rlg.write(gyro.simulate("paper", seed=seed, step_s=20.0), tmp_path / f"r{seed}.parquet")
     arguments = [
         "train",
         str(tmp_path / "r1.parquet"),
         str(tmp_path / "r2.parquet"),
         "--out",
         str(tmp_path / "model"),
-        *("--model", "kernels", "--averaging-s", "200"),
+        *("--model", "kernels", "--averaging-s", "400"),
     ]
     listening = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # ignored where tests run in the background
@@ -592,9 +593,10 @@ def test_raw_pulses_are_calibrated_on_the_way_in(tmp_path: Path, short_runs: lis
 
 @pytest.mark.parametrize("known", [None, 0.8], ids=["size unknown", "size known"])
 def test_one_gyros_calibration_is_applied_to_that_of_several(
-    tmp_path: Path, short_runs: list[rlg.Recording], known: float | None
+    tmp_path: Path, short_runs: list[rlg.Recording], known: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """--gyro, or the model's own gyro, says which; both of its names are understood, and the others stay as they are."""
+    monkeypatch.setattr("rlgcomp.export.toolchain.TOOLCHAINS", TOOLCHAINS[:1])
     (tmp_path / "k.json").write_text('{"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.8}')
     for name, recording in zip(("a", "b"), short_runs, strict=False):
         table = recording.table
@@ -666,7 +668,8 @@ def test_a_diagnosis_takes_one_gyros_calibration_too(tmp_path: Path, short_runs:
     rlg.write(recording.replace(table=table, truth=None), tmp_path / "imu.parquet")
     given = ["--simulator", tmp_path / "gyro.yaml", "--train", tmp_path / "imu.parquet", "--out", tmp_path / "d", "--json"]
     only = ["--mechanisms", write_bellows(tmp_path / "own.py"), "--only-mechanisms"]
-    done = run("diagnose", *given, *only, "--gyro", "gyro_x_pulses", "--calibration", tmp_path / "k.json")
+    gyro = ["--gyro", "gyro_x_pulses", "--calibration", tmp_path / "k.json", "--averaging-s", 200]
+    done = run("diagnose", *given, *only, *gyro)
     assert done.exit_code == 0, done.output
     assert "gyro_x_deg_h" in done.stdout
     assert "gyro_y" not in done.stdout

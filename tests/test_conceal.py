@@ -427,7 +427,7 @@ class TestCommands:
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
         write_bellows(tmp_path / "own.py", "any")
         options = ["--mechanisms", tmp_path / "own.py"]
-        hidden = ["--hide", "bellows", "--strength", 2, "--seed", 5, "--step-s", 10, "--out", tmp_path / "c"]
+        hidden = ["--hide", "bellows", "--strength", 2, "--seed", 5, "--step-s", 60, "--out", tmp_path / "c"]
         assert self.run("conceal", tmp_path / "gyro.yaml", *hidden).exit_code == 2
         done = self.run("conceal", tmp_path / "gyro.yaml", *options, *hidden)
         assert done.exit_code == 0, done.output

@@ -215,7 +215,7 @@ def test_a_users_own_simulator_is_a_column(runs: list[Recording]) -> None:
     def simulated(run: Recording) -> np.ndarray:
         return BASELINE.predict(run).rate_deg_h()
 
-    found = diagnose(simulated, runs[:1], runs[2:], only=FEW)
+    found = diagnose(simulated, runs[:1], runs[2:], only=FEW, black_box=False)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     assert "diagnosis.beside_own_simulator" in {one.code for one in found.remarks}
     assert "thermal_polynomial" not in {mechanism.name for mechanism in found.augmented.mechanisms}
@@ -243,7 +243,7 @@ def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + scale * (p - 1010.0) ** 2), truth=None)
         for run, p in zip(runs, pressure, strict=True)
     ]
-    found = diagnose(REAL, bent[:2], bent[2:], mechanisms=own, only=["bellows", "ambient_pressure"])
+    found = diagnose(REAL, bent[:2], bent[2:], mechanisms=own, only=["bellows", "ambient_pressure"], black_box=False)
     (cause,) = found.causes
     assert cause.name == "bellows"
     found.save(tmp_path)

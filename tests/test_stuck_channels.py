@@ -151,7 +151,8 @@ def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
     base = rlg.Simulator(noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
     runs = [few_monitors(base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0)) for seed in (1, 2)]
     stuck = [frozen(one, "supply_voltage_V", slice(2500, None)) for one in runs]
-    found = rlg.diagnose(base, train=stuck, black_box=False)
+    few = ["supply_voltage", "magnetic_field", "thermal_lag", "warm_up"]
+    found = rlg.diagnose(base, train=stuck, only=few, window_s=120.0, black_box=False)
     (cause,) = found.causes
     (estimate,) = cause.parameters.values()
     assert estimate.value == pytest.approx(0.4, abs=3.0 * estimate.sd)

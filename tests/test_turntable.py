@@ -363,7 +363,7 @@ class TestWhatTheTableRecords:
             {"kind": "turntable", "mechanisms": ["scale_factor"], "noise": {"angle_random_walk_deg_sqrt_h": 1.5e-3}}
         )
         runs = [self.noisy(gyro.simulate(self.PROGRAMME, seed=seed, step_s=1.0), encoder_arcsec, seed) for seed in range(2)]
-        found = rlg.diagnose(simulator, train=runs)
+        found = rlg.diagnose(simulator, train=runs, black_box=False)
         assert found.verdict == "none"
 
     def test_a_table_that_stands_has_no_rate_and_one_that_moves_keeps_it(self) -> None:
