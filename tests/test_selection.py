@@ -30,14 +30,16 @@ def choose(data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str = "lssvm",
     return select(MODELS[name], MODELS[name].make(), *data, **options)
 
 
-@pytest.mark.parametrize("name", ["lssvm", "kernels"])
-def test_every_score_is_the_error_with_groups_left_out(data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str) -> None:
-    """A few candidates of the table, fitted again here; "kernels" are all three baselines."""
-    X, y, groups = data
-    selection = choose(data, name)
+@pytest.mark.parametrize(("name", "every"), [("lssvm", 1), ("kernels", 3)])
+def test_every_score_is_the_error_with_groups_left_out(
+    data: tuple[np.ndarray, np.ndarray, np.ndarray], name: str, every: int
+) -> None:
+    """A few candidates of the table, fitted again here; "kernels" are all three baselines, on fewer rows: libsvm is slow."""
+    X, y, groups = (values[::every] for values in data)
+    selection = choose((X, y, groups), name)
     for _, row in selection.table.iloc[:: max(1, len(selection.table) // 3)].iterrows():
         parameters = {key: value for key, value in row.items() if key not in ("rmse", "chosen")}
-        residuals = np.empty(120)
+        residuals = np.empty(len(y))
         for label in range(4):
             out = groups == label
             residuals[out] = y[out] - MODELS[name].make().set_params(**parameters).fit(X[~out], y[~out]).predict(X[out])
