@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: workers share the cores, and threads that wait spin
 
 import pytest
+import typer.main
 from hypothesis import settings
 
 import rlgcomp as rlg
@@ -22,6 +23,19 @@ ROOT = Path(__file__).resolve().parent.parent
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", deadline=None)
 settings.load_profile("same")
+
+
+_BUILT: dict[int, tuple[object, object]] = {}
+
+
+def built_once(command_info: object, *, build: Callable[..., object] = typer.main.get_command_from_info, **how: object) -> object:
+    """A command of the application: Typer builds all of them anew for each that a test runs, which takes 0.1 s each time."""
+    if id(command_info) not in _BUILT:
+        _BUILT[id(command_info)] = command_info, build(command_info, **how)
+    return _BUILT[id(command_info)][1]
+
+
+typer.main.get_command_from_info = built_once
 
 
 def pytest_collection_finish() -> None:
