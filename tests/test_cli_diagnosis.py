@@ -119,7 +119,8 @@ def test_what_is_written_is_what_was_proved(files: Path, tmp_path: Path) -> None
     """The engine itself: the augmented simulator, read back and asked to predict, leaves what the diagnosis says it leaves."""
     out = tmp_path / "out"
     runs = [files / f"run{k}.parquet" for k in range(3)]
-    arguments = ["--train", *runs[:2], "--test", runs[2], "--only", "supply_voltage", "readout_incoherence"]
+    few = ["--averaging-s", 120, "--only", "supply_voltage", "readout_incoherence"]
+    arguments = ["--train", *runs[:2], "--test", runs[2], *few]
     done = run("diagnose", "--simulator", files / "sim.yaml", *arguments, "--out", out, "--json")
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)

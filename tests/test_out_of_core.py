@@ -68,7 +68,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr("rlgcomp.noise.out_of_core.SAMPLES_AT_ONCE", 1 << 14)
     monkeypatch.setattr("rlgcomp.noise.allan_deviation.MEANS_FOR_IDENTIFICATION", 1 << 12)
     monkeypatch.setattr(sums, "SAMPLES_AT_ONCE", 1 << 14)
-    rows = 1_200_000
+    rows = 600_000
     path = written(rate_table(rows), tmp_path / "run.parquet")
     analyse_pieces(read_pieces(path, "gyro_z_deg_h", rows=4000), "gyro_z_deg_h", [1.0, 100.0])  # what is imported and compiled once
     tracemalloc.start()
