@@ -37,6 +37,8 @@ CLOCK_OFFSET: Final = 0.1
 """Largest offset of such a clock over the length of the shortest run: a simulation that is off by more covers another run."""
 WANDER_ODDS: Final = 0.05
 """Odds that something unrecorded wanders: more usual than any one mechanism, as laboratories record half of what these follow."""
+JUMPS_ODDS: Final = 0.02
+"""Odds that something unrecorded jumps between levels of their own: a fan, a load or a valve with many settings."""
 
 # --- sizes ---------------------------------------------------------------------------------------------------------------------
 

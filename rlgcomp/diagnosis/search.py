@@ -16,6 +16,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors
 from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Evidence, Member, Set
+from rlgcomp.diagnosis.jumps import jumps
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.pairs import likeliest_pairs
@@ -218,7 +219,7 @@ class Search(States):
 
     def with_telegraph(self, states: Sequence[State]) -> list[State]:
         """Sets with a two-state process beside them, where there is one; they count as visited."""
-        found = []
+        found: list[State] = []
         for members in dict.fromkeys(state.members for state in states):
             table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
             errors: Errors | None = None
@@ -227,18 +228,17 @@ class Search(States):
                 errors = None if found_errors is None else found_errors.without_outliers
             white = self.bank.data.white + (0.0 if errors is None else errors.variances)
             noise = self.calmest(errors)
-            seen = self._telegraph(table, self._slow(table), white, noise)
-            if seen is None:
+            processes = self._processes(table, self._slow(table), white, noise)
+            if not processes:
                 continue
-            state = self._with(seen, members, noise)
-            slower = self._noise_beside(seen.path, members, noise)
+            seen = [self._with(one, members, noise) for one in processes]
+            slower = self._noise_beside(processes[0].path, members, noise)
             if slower != noise:
-                again = self._telegraph(table, [seen], white, slower)
-                state = max(
-                    (state, *([] if again is None else [self._with(again, members, slower)])), key=lambda one: one.log_point
-                )
-            self.visit(state)
-            found.append(state)
+                seen += [self._with(one, members, slower) for one in self._processes(table, processes[:1], white, slower)]
+            likeliest = {state.key: state for state in sorted(seen, key=lambda one: one.log_point)}
+            for state in likeliest.values():
+                self.visit(state)
+            found += likeliest.values()
         return found
 
     def with_fewer_beside(self, state: State) -> State:
@@ -253,15 +253,19 @@ class Search(States):
             state = best
 
     def _with(self, seen: Telegraph, members: Set, noise: Noise) -> State:
-        log_point = seen.log_evidence + self.log_prior(members) + math.log(priors.NAMED_ODDS) + self.log_prior_of(noise)
+        odds = priors.NAMED_ODDS if seen.two_valued else priors.JUMPS_ODDS
+        log_point = seen.log_evidence + self.log_prior(members) + math.log(odds) + self.log_prior_of(noise)
         return State(members, noise, log_point, telegraph=seen)
 
-    def _telegraph(self, table: Array, starts: Sequence[Array | Telegraph], white: Array, noise: Noise) -> Telegraph | None:
-        """A two-state process beside columns of a set, under a noise of the gyro."""
+    def _processes(self, table: Array, starts: Sequence[Array | Telegraph], white: Array, noise: Noise) -> list[Telegraph]:
+        """A two-state process beside columns of a set and its rival, jumps to levels of their own, under a noise of the gyro."""
+        data, design = self.bank.data, self.bank.design
         if noise.of_gyro != Noise():
-            slow, rest = slow_columns(self.bank.data, noise)
+            slow, rest = slow_columns(data, noise)
             table, white = np.hstack([table, slow]), white + rest
-        return telegraph(self.bank.data, self.bank.design, table, starts, white)
+        two = telegraph(data, design, table, starts, white)
+        many = None if two is None else jumps(data, design, table, two, white)
+        return [one for one in (two, many) if one is not None]
 
     def _noise_beside(self, path: Array, members: Set, noise: Noise) -> Noise:
         """The likeliest noise beside a set and a two-state path that is taken as known, climbing over the grid from one."""

@@ -50,7 +50,7 @@ class State:
     log_volume : float
         Log of the posterior of all forms, sizes and noises of the same regions over that of the point.
     telegraph : Telegraph, optional
-        A two-state process beside the set.
+        A process that jumps, between two states or between levels of their own, beside the set.
     """
 
     members: Set
@@ -67,13 +67,16 @@ class State:
     @property
     def key(self) -> Key:
         """The regions, and what unrecorded there is beside them."""
-        latent: Latent = "telegraph" if self.telegraph else "wander" if self.wander else ""
+        two_valued = self.telegraph is not None and self.telegraph.two_valued
+        latent: Latent = "telegraph" if two_valued else "wander" if self.wander else ""
         return frozenset(member.form.region for member in self.members) - {WANDER}, latent
 
     @property
     def wander(self) -> float:
-        """Size of what wanders unrecorded, roughly or smoothly, over the white noise."""
-        return max([self.noise.wander, *(member.size for member in self.members if member.form.region == WANDER)])
+        """Size of what wanders unrecorded, roughly, smoothly or in jumps, over the white noise."""
+        seen = self.telegraph
+        jumps = 0.0 if seen is None or seen.two_valued else seen.half_step / seen.sigma
+        return max([self.noise.wander, jumps, *(member.size for member in self.members if member.form.region == WANDER)])
 
 
 class States(Members):

@@ -61,6 +61,9 @@ class Telegraph:
         On the scale of :class:`~rlgcomp.diagnosis.evidence.Evidence`.
     ratio : float
         Of the mean times in the upper and in the lower state.
+    two_valued : bool
+        Whether it has two values; else it jumps between levels of their own (:mod:`~rlgcomp.diagnosis.jumps`), the half step is
+        their standard deviation, and the path is the level over that.
     """
 
     half_step: float
@@ -70,6 +73,7 @@ class Telegraph:
     jumps: float
     log_evidence: float
     ratio: float = 1.0
+    two_valued: bool = True
 
 
 def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | Telegraph], white: Array) -> Telegraph | None:
