@@ -98,11 +98,19 @@ def test_other_runs_are_predicted_without_it(in_one: Diagnosis) -> None:
 
 
 def test_an_effect_of_another_amplitude_in_each_run() -> None:
+    """Other runs are predicted with the mean of the amplitudes, a little nearer to zero."""
     found = diagnosed((0.6, -0.5, 1.0))
     assert "supply_voltage" in [cause.name for cause in found.causes]
     (told,) = (one for one in found.remarks if one.code == "diagnosis.strength_by_run")
     assert told.data["mechanism"] == "supply_voltage"
     assert set(told.data["rms"]) == {"run0", "run1", "run2"}
+    assert told.data["opposite_in"] == ["run1"]
+    (at,) = (k for k, one in enumerate(found.after.state.members) if one.form.region == "supply_voltage")
+    (other,) = made((0.0, 0.0, 1.0))[2:]
+    run = Run.of(other.replace(name="another run"), found.after.data.runs[0].grid, lambda binned: np.zeros(len(binned)))
+    voltage = run.window_means(run.column("supply_voltage_V"))
+    slope = np.polyfit(voltage, run.window_means(found.after.term(at, run)), 1)[0]
+    assert 0.6 * 0.3667 < slope < 0.3667
 
 
 def test_an_effect_in_all_runs_has_no_selection() -> None:

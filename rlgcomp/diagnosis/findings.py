@@ -21,7 +21,7 @@ from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.parameters import of_law, of_mechanism
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
-from rlgcomp.diagnosis.selections import OnlyIn, by_run, runs_of
+from rlgcomp.diagnosis.selections import OnlyIn, amplitudes_have_a_mean, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.switches import Switch, switches_of
 from rlgcomp.diagnosis.time_laws import time_law_of
@@ -114,6 +114,10 @@ class Cause:
         Of that name.
     runs : mapping of str to float
         Root mean square by run, where it acts in some of the training runs, or by another amplitude in each.
+    opposite_in : tuple of str
+        Of these, the runs where it is of the other sign than where it is largest.
+    has_mean : bool
+        Its amplitudes by run have a mean, which other runs are predicted with.
     switches : tuple of Switch
         Of a sum of relays, in the place of parameters.
     terms : callable
@@ -139,6 +143,8 @@ class Cause:
     perhaps_nothing: float = 0.0
     mechanism: type[Mechanism] | None = None
     runs: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    opposite_in: tuple[str, ...] = ()
+    has_mean: bool = False
     switches: tuple[Switch, ...] = ()
     terms: Callable[[], Sequence[Mechanism]] = tuple
 
@@ -263,6 +269,8 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         rms=float(np.std(contribution)),
         departure=_departure(fit, k, contribution),
         runs=_by_run(fit, k),
+        opposite_in=_opposite(fit, k),
+        has_mean=amplitudes_have_a_mean(form),
         switches=() if estimates else switches_of(fit, k, unit),
         terms=functools.partial(mechanisms_of, fit, k, catalogue),
         **common,
@@ -286,6 +294,19 @@ def _by_run(fit: Fit, k: int) -> dict[str, float]:
     if not runs_of(form) and not by_run(form):
         return {}
     return {run.name: float(np.std(run.window_means(fit.term(k, run)))) for run in fit.data.runs}
+
+
+def _opposite(fit: Fit, k: int) -> tuple[str, ...]:
+    """Runs in which a member whose amplitudes have a mean is of the other sign than in the run where it is largest."""
+    if not amplitudes_have_a_mean(fit.state.members[k].form):
+        return ()
+    largest = max(fit.data.runs, key=lambda run: float(np.std(run.window_means(fit.term(k, run)))))
+    course = fit.term(k, largest)
+    others = {}
+    for run in fit.data.runs:
+        named = dataclasses.replace(largest, binned=largest.binned.replace(name=run.name), cache={}, derived={})
+        others[run.name] = fit.term(k, named)
+    return tuple(name for name, other in others.items() if (other - other.mean()) @ (course - course.mean()) < 0.0)
 
 
 def _telegraph(fit: Fit, common: Mapping[str, Any]) -> Cause:
@@ -319,7 +340,8 @@ def function_of(fit: Fit, k: int) -> Function | None:
     if not bases:
         return None
     lead = bases[0][0]
-    if by_run(fit.state.members[k].form) and isinstance(lead, EachRun):
+    form = fit.state.members[k].form
+    if by_run(form) and any(isinstance(basis, EachRun) for basis in form.lead):
         return None
     inner = _plain(lead)
     path = getattr(inner, "path", None)

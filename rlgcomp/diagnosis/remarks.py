@@ -281,7 +281,8 @@ def _selections(record: Record) -> Iterator[Message]:
         if len(cause.acts_in) < len(cause.runs):
             yield message("diagnosis.in_some_runs", mechanism=cause.name, runs=cause.acts_in, of=len(cause.runs))
         elif cause.runs:
-            yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit)
+            told = {"opposite_in": cause.opposite_in, "has_mean": cause.has_mean}
+            yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit, **told)
 
 
 def _forms(record: Record) -> Iterator[Message]:
@@ -294,6 +295,10 @@ def _forms(record: Record) -> Iterator[Message]:
             yield message("diagnosis.other_form", mechanism=cause.name, equation=cause.equation)
     if record.decision.unstated:
         yield message("diagnosis.unstated", regions=record.decision.unstated, named=[one.name for one in record.members])
+    seen = record.after.state.telegraph
+    if record.decision.wander and seen is not None and not seen.two_valued:
+        window_s = record.after.data.runs[0].grid.window_s
+        yield message("diagnosis.jumps", count=round(seen.jumps), dwell_s=seen.dwell * window_s)
     yield from _cancelling(record)
 
 

@@ -57,7 +57,9 @@ def in_all_runs(basis: Basis) -> Basis:
 
 
 def selections(form: Form, runs: Sequence[str]) -> list[Form]:
-    """A form in each subset of the runs, with an amplitude a run, and with amplitudes that differ a little from run to run.
+    """A form in each subset of the runs, and with amplitudes that differ from run to run, as much as they are large or a little.
+
+    Amplitudes have a mean, which is what a further run is predicted with.
 
     Parameters
     ----------
@@ -79,7 +81,7 @@ def selections(form: Form, runs: Sequence[str]) -> list[Form]:
         for subset in subsets
     ]
     own, share = functools.partial(EachRun, runs=tuple(runs)), form.log_share + math.log(0.5 * priors.AMPLITUDE_BY_RUN)
-    strongly = dataclasses.replace(form, lead=tuple(own(basis) for basis in form.lead), log_share=share)
+    strongly = dataclasses.replace(form, lead=(*form.lead, *(own(basis) for basis in form.lead)), log_share=share)
     return [*found, strongly, dataclasses.replace(form, own=(*form.own, own), log_share=share)]
 
 
@@ -89,9 +91,14 @@ def runs_of(form: Form) -> tuple[str, ...]:
 
 
 def by_run(form: Form) -> bool:
-    """Whether a form has amplitudes by run."""
-    first = form.lead[0] if form.lead else None
-    return isinstance(first, EachRun) or any(isinstance(make, functools.partial) and make.func is EachRun for make in form.own)
+    """Whether a form has amplitudes by run, with a mean or (waves) without one."""
+    return isinstance(form.lead[0] if form.lead else None, EachRun) or amplitudes_have_a_mean(form)
+
+
+def amplitudes_have_a_mean(form: Form) -> bool:
+    """Whether its amplitudes differ from run to run about a mean."""
+    in_lead = any(isinstance(basis, EachRun) and basis.basis in form.lead for basis in form.lead)
+    return in_lead or any(isinstance(make, functools.partial) and make.func is EachRun for make in form.own)
 
 
 def parameter_by_run(key: str, baseline: Baseline) -> Parameter:

@@ -61,6 +61,7 @@ LIMITING: Final = frozenset(
         "diagnosis.file_gain",
         "diagnosis.gain_of_numbers",
         "diagnosis.indistinguishable",
+        "diagnosis.jumps",
         "diagnosis.late_monitor",
         "diagnosis.late_thermometer",
         "diagnosis.noise_not_as_stated",

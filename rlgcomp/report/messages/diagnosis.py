@@ -238,6 +238,13 @@ def _unstated(regions: Sequence[str], named: Sequence[str]) -> str:
     )
 
 
+def _jumps(count: int, dwell_s: float) -> str:
+    return (
+        f"The slow error of no recorded column jumps {count} times in these runs, every {time_text(dwell_s)} on average, and more "
+        "than two values are likelier than two; look for what is switched or set at these times."
+    )
+
+
 def _cancelling(one: str, other: str, correlation: float, ratio: float) -> str:
     return (
         f"{region_words(one)} and {region_words(other)} nearly cancel in these runs (correlation {correlation:.3f}; each is "
@@ -380,9 +387,12 @@ def _in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
     )
 
 
-def _strength_by_run(mechanism: str, rms: Mapping[str, float], unit: str) -> str:
-    sizes = listing([f"{value:.3g} {unit} in {run}" for run, value in rms.items()])
-    return f"The amplitude of {region_words(mechanism)} differs from run to run: rms {sizes}."
+def _strength_by_run(
+    mechanism: str, rms: Mapping[str, float], unit: str, opposite_in: Sequence[str] = (), *, has_mean: bool = False
+) -> str:
+    sizes = listing([f"{value:.3g} {unit} in {run}{' with the other sign' * (run in opposite_in)}" for run, value in rms.items()])
+    mean = "; other runs are predicted with the mean amplitude" if has_mean else ""
+    return f"The amplitude of {region_words(mechanism)} differs from run to run: rms {sizes}{mean}."
 
 
 def _amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
@@ -471,6 +481,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.cancelling": _cancelling,
     "diagnosis.unidentified": _unidentified,
     "diagnosis.approximate": _approximate,
+    "diagnosis.jumps": _jumps,
     "diagnosis.unstated": _unstated,
     "diagnosis.other_form": _other_form,
     "diagnosis.extrapolated": _extrapolated,
