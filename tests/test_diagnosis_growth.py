@@ -32,11 +32,11 @@ def test_equal_bases_have_the_same_hash() -> None:
 
 def test_chains_are_joined_as_independent() -> None:
     ratios, flip = [np.array([0.7, -1.2, 0.4]), np.array([2.0, -0.1])], 0.2
-    alone = [two_state(ratio, flip) for ratio in ratios]
-    likelihood, mean, changes = two_state(np.concatenate(ratios), flip, np.array([0, 3]))
+    alone = [two_state(ratio, np.full(len(ratio), 1.5), flip) for ratio in ratios]
+    likelihood, mean, _, changes = two_state(np.concatenate(ratios), np.full(5, 1.5), flip, np.array([0, 3]))
     assert likelihood == pytest.approx(sum(one[0] for one in alone))
     assert mean == pytest.approx(np.concatenate([one[1] for one in alone]))
-    assert changes == pytest.approx(sum(one[2] for one in alone))
+    assert changes == pytest.approx(sum(one[3] for one in alone))
 
 
 def test_a_run_with_another_column_keeps_only_what_does_not_follow_it() -> None:

@@ -62,24 +62,9 @@ class Posterior:
         if bank.data.turns:
             return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
-        paths: list[Array] = []
-        while len(paths) < _PATHS and (best := max(jumping, key=lambda state: state.log_posterior, default=None)) is not None:
-            top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
-            best = search.with_fewer_beside(best)
-            assert best.telegraph is not None  # noqa: S101
-            path = best.telegraph.path
-            if best.log_posterior < top - (_INSTEAD if states[0].wander else 0.0):
-                break
-            if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
-                break
-            paths.append(path)
-            if layout is None:
-                search.forget()  # two searches at once have twice the memory
-            for state in _beside_path(bank, regions, path):
-                for member in state.members:
-                    search.bank.prepare([member.form])
-                possible = tuple(member for member in state.members if search.bank.scaled(member.form) is not None)
-                jumping += search.with_telegraph([dataclasses.replace(state, members=possible)])
+        _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
+        if (many := _likeliest(jumping, two_valued=False)) is max(search.visited.values(), key=lambda state: state.log_posterior):
+            _search_again(search, many, forget=layout is None)
         ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
         found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
         return found if layout is not None else dataclasses.replace(found, sharpened=search.sharpened(found.best))
@@ -155,9 +140,42 @@ class Posterior:
         return sum(p for (candidate, _), p in self.of_effects.items() if candidate == others)
 
 
-def _beside_path(bank: Bank, regions: Sequence[Region], path: Array) -> list[State]:
-    """The likeliest sets beside a two-state path."""
-    return Search(Bank(bank.data, np.column_stack([bank.design, path]), bank.baseline), regions).run()[:_PROVED]
+def _likeliest(states: Sequence[State], *, two_valued: bool) -> State | None:
+    """Of states beside a process that jumps, the likeliest of a kind."""
+    kind = [state for state in states if state.telegraph is not None and state.telegraph.two_valued == two_valued]
+    return max(kind, key=lambda state: state.log_posterior, default=None)
+
+
+def _search_beside(search: Search, jumping: list[State], instead: float, *, forget: bool) -> None:
+    """Search again beside the paths of the likeliest two-state processes; the states beside a process are added to."""
+    paths: list[Array] = []
+    while len(paths) < _PATHS and (best := _likeliest(jumping, two_valued=True)) is not None:
+        top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
+        best = search.with_fewer_beside(best)
+        assert best.telegraph is not None  # noqa: S101
+        path = best.telegraph.path
+        if best.log_posterior < top - instead:
+            break
+        if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
+            break
+        paths.append(path)
+        jumping += _search_again(search, best, forget=forget)
+
+
+def _search_again(search: Search, beside: State | None, *, forget: bool) -> list[State]:
+    """States beside a process, with the likeliest sets beside the path that a state has."""
+    if beside is None or beside.telegraph is None:
+        return []
+    if forget:
+        search.forget()  # two searches at once have twice the memory
+    bank, found = search.bank, []
+    alone = Bank(bank.data, np.column_stack([bank.design, beside.telegraph.path]), bank.baseline)
+    for state in Search(alone, tuple(search.regions.values())).run()[:_PROVED]:
+        for member in state.members:
+            bank.prepare([member.form])
+        possible = tuple(member for member in state.members if bank.scaled(member.form) is not None)
+        found += search.with_telegraph([dataclasses.replace(state, members=possible)])
+    return found
 
 
 def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[float, float]:

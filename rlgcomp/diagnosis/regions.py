@@ -23,7 +23,7 @@ from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
 from rlgcomp.diagnosis.terms import WANDER, Family, Form, Region, forms_of
 from rlgcomp.diagnosis.times import Since, SmoothSince
-from rlgcomp.diagnosis.waves import lines, wanders
+from rlgcomp.diagnosis.waves import harmonics, lines, wanders
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
@@ -212,7 +212,7 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
         if name in present or not mechanism.is_candidate("chamber"):
             continue
         if _has_frequency(mechanism):
-            yield Region(name, name, _NAMED, (), (), "none", propose=lines(setting, name))
+            yield Region(name, name, _NAMED, (), (), "none", harmonics(setting), propose=lines(setting, name))
         elif name in _THERMAL:
             builder, memory = _THERMAL[name]
             if memory != "none" and not setting.has_thermometer:

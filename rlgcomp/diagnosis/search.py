@@ -247,7 +247,8 @@ class Search(States):
             fewer = [
                 dataclasses.replace(state, members=(*state.members[:k], *state.members[k + 1 :])) for k in range(len(state.members))
             ]
-            best = max((state, *self.with_telegraph(fewer)), key=lambda one: one.log_posterior)
+            alike = (one for one in self.with_telegraph(fewer) if one.key[1] == state.key[1])
+            best = max((state, *alike), key=lambda one: one.log_posterior)
             if best is state:
                 return state
             state = best

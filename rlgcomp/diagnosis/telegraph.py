@@ -1,11 +1,11 @@
 r"""The two-state hypothesis: beside a set, the bias jumps between two values at random times.
 
-.. math:: y = X\beta + A w + a z + \epsilon, \qquad z_t = \pm 1, \quad P(z_{t+1} \ne z_t \mid z_t = \pm 1) = p_\pm
+.. math:: y = X\beta + A w + a z + \epsilon, \qquad z_t = \pm 1, \quad P(\text{jump in a window} \mid z = \pm 1) = p_\pm
 
-with white noise; slow noise stands among the columns A as a sum over its principal directions (:func:`slow_columns`). The path is
-summed over by the forward recursion; β, w, a and σ are found by expectation and maximisation, their volume by Laplace's
-approximation with the information of a known path, which states the evidence a little too small; mean dwell time and ratio of the
-two dwells are summed over a grid.
+with white noise; a window in which it jumps has a mean between the two values, all of which are equally likely. Slow noise stands
+among the columns A as a sum over its principal directions (:func:`slow_columns`). The path is summed over by the forward recursion;
+β, w, a and σ are found by expectation and maximisation, their volume by Laplace's approximation with the information of a known
+path, which states the evidence a little too small; mean dwell time and ratio of the two dwells are summed over a grid.
 
 References
 ----------
@@ -35,6 +35,7 @@ _SHORTEST: Final = 4.0  # windows
 _RATIOS: Final = {1.0: 0.5, 3.0: 0.25, 1.0 / 3.0: 0.25}  # of the dwells in the two states, with their probabilities
 _UNSEEN: Final = 0.03  # of the white noise's variance, below which a direction of slow noise counts as white
 _ROUNDS: Final = 40
+_LEAST_STEP: Final = 1e-3  # over what is left of the data
 _SAME: Final = 1e-3  # nats of one round
 _ROUNDS_OF_TURNS: Final = 3
 _MOST_TURNS: Final = 60
@@ -196,14 +197,15 @@ class _Problem:
         """Expectation and maximisation from a first path and its half step."""
         data, root, before = self.data, self.root, -math.inf
         freedom, inverse = len(root) - self.flat, 1.0 / root**2
-        begins = np.array([rows.start for rows in data.slices])
+        begins, squared = np.array([rows.start for rows in data.slices]), np.ones(len(root))
         for _ in range(_ROUNDS):
             weights = self.solve @ (self.output - size * path / root)
             left = (self.output - self.columns @ weights) * root  # in the unit of the output
-            size = max(float(np.sum(path * left * inverse) / np.sum(inverse)), 1e-300)
-            square = np.sum((left**2 - 2.0 * size * path * left + size**2) * inverse) + np.sum(weights[self.flat :] ** 2)
+            size = float(np.sum(path * left * inverse) / np.sum(squared * inverse))
+            size = max(size, _LEAST_STEP * math.sqrt(float(np.mean(left**2))), 1e-300)
+            square = np.sum((left**2 - 2.0 * size * path * left + size**2 * squared) * inverse) + np.sum(weights[self.flat :] ** 2)
             variance = (float(square) + data.known.square) / (freedom + data.known.windows)
-            log_likelihood, path, jumps = two_state(2.0 * size / variance * left * inverse, 1.0 / dwell, begins, ratio)
+            log_likelihood, path, squared, jumps = two_state(left / size, size**2 * inverse / variance, 1.0 / dwell, begins, ratio)
             log_likelihood -= 0.5 * float(np.sum((left**2 + size**2) * inverse)) / variance
             if log_likelihood - before < _SAME and log_likelihood >= before:
                 break
@@ -266,15 +268,19 @@ def _sums(values: Array) -> Array:
     return np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
 
 
-def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN, ratio: float = 1.0) -> tuple[float, Array, float]:
-    """Forward and backward recursions of a two-state chain.
+def two_state(
+    ratio_to_step: Array, precision: Array, flip: float, begins: IntArray = _ONE_CHAIN, ratio: float = 1.0
+) -> tuple[float, Array, Array, float]:
+    """Forward and backward recursions of a chain of two states, which may change once within a window.
 
     Parameters
     ----------
-    log_ratio : ndarray, shape (n,)
-        Log likelihood of state +1 over that of -1; half of it is taken for each, with opposite signs.
+    ratio_to_step : ndarray, shape (n,)
+        Data over the half step, ρ.
+    precision : ndarray, shape (n,)
+        q, the square of the half step over the variance of a datum.
     flip : float
-        Probability of a change between neighbours: the geometric mean of those from either state.
+        Probability of a change in a window: the geometric mean of those from either state.
     begins : ndarray of int
         Where chains that are independent begin.
     ratio : float
@@ -283,52 +289,75 @@ def two_state(log_ratio: Array, flip: float, begins: IntArray = _ONE_CHAIN, rati
     Returns
     -------
     log_likelihood : float
-    mean : ndarray, shape (n,)
-        Posterior mean of the state.
+        Plus Σ q (ρ² + 1) / 2: of data without the normaliser of the noise.
+    mean, squared : ndarray, shape (n,)
+        Posterior mean of the state, averaged over a window, and of its square.
     changes : float
         Posterior mean of the number of changes.
     """
-    half = 0.5 * np.clip(log_ratio, -600.0, 600.0)
-    mean, scales = np.empty(len(half)), np.empty(len(half))
+    half = precision * ratio_to_step
+    between, mean_between, squared_between = _changing(ratio_to_step, precision)
+    logs = np.stack([half, -half, between])
+    top = np.max(logs, axis=0)
+    shares, scales = np.empty((3, len(half))), np.empty(len(half))
     begin = np.zeros(len(half), np.bool_)
     begin[begins] = True  # from one run to the next nothing is known
     leave_up, leave_down = min(flip / math.sqrt(ratio), 0.5), min(flip * math.sqrt(ratio), 0.5)
-    likelihoods = np.exp(half - np.abs(half)), np.exp(-half - np.abs(half))
-    changes = _recursions(*likelihoods, begin, leave_up, leave_down, mean, scales)
-    return float(np.sum(np.log(scales)) + np.sum(np.abs(half))), mean, float(changes)
+    _recursions(*np.exp(np.maximum(logs - top, -700.0)), begin, leave_up, leave_down, shares, scales)
+    up, down, change = shares
+    log_likelihood = float(np.sum(np.log(scales)) + np.sum(top))
+    return log_likelihood, up - down + change * mean_between, up + down + change * squared_between, float(np.sum(change))
+
+
+def _changing(ratio_to_step: Array, precision: Array) -> tuple[Array, Array, Array]:
+    """Of windows in which the state changes: log likelihood as of :func:`two_state`, mean of the state and of its square.
+
+    The mean m of a window is uniform from -1 to 1, so ∫ exp(q (ρ m + (1 - m²) / 2)) dm / 2 is the likelihood, and m given the datum
+    a normal variable of mean ρ and variance 1 / q within these limits.
+    """
+    from scipy.special import log_ndtr
+
+    root, far = np.sqrt(precision), np.abs(ratio_to_step)
+    upper, lower = (1.0 - far) * root, (-1.0 - far) * root
+    log_upper = log_ndtr(upper)
+    log_inside = log_upper + np.log1p(-np.exp(np.minimum(log_ndtr(lower) - log_upper, -1e-15)))
+    log_likelihood = (
+        0.5 * math.log(0.5 * math.pi) - np.log(root) + 0.5 * precision * (1.0 - far) ** 2 + precision * far + log_inside
+    )
+    at_upper, at_lower = (np.exp(-0.5 * side**2 - 0.5 * math.log(2.0 * math.pi) - log_inside) for side in (upper, lower))
+    mean = far + (at_lower - at_upper) / root
+    squared = far * mean + (1.0 - upper * at_upper + lower * at_lower) / precision + far * (at_lower - at_upper) / root
+    mean = np.clip(mean, 0.0, 1.0)
+    return log_likelihood, np.copysign(mean, ratio_to_step), np.clip(squared, mean**2, 1.0)
 
 
 @compiled()
 def _recursions(
-    up: Array, down: Array, begin: npt.NDArray[np.bool_], leave_up: float, leave_down: float, mean: Array, scales: Array
-) -> float:
-    """Fill posterior means and scales of the forward recursion; the number of changes."""
+    up: Array,
+    down: Array,
+    between: Array,
+    begin: npt.NDArray[np.bool_],
+    leave_up: float,
+    leave_down: float,
+    shares: Array,
+    scales: Array,
+) -> None:
+    """Fill posterior probabilities that a window is up, down, or with a change, and scales of the forward recursion."""
     n = len(up)
     forward = np.empty(n)
     usual = leave_down / (leave_up + leave_down)  # share of the time in the upper state
     plus = usual
     for k in range(n):
-        plus = usual if begin[k] else (1.0 - leave_up) * plus + leave_down * (1.0 - plus)
-        a, b = plus * up[k], (1.0 - plus) * down[k]
-        scales[k] = a + b
-        plus = a / (a + b)
-        forward[k] = plus
-    changes, beta_up, beta_down = 0.0, 1.0, 1.0
+        plus = usual if begin[k] else plus
+        forward[k] = plus  # at the beginning of the window
+        stays, falls = plus * (1.0 - leave_up) * up[k], plus * leave_up * between[k]
+        rises, rests = (1.0 - plus) * leave_down * between[k], (1.0 - plus) * (1.0 - leave_down) * down[k]
+        scales[k] = stays + falls + rises + rests
+        plus = (stays + rises) / scales[k]
+    beta_up, beta_down = 1.0, 1.0
     for k in range(n - 1, -1, -1):
-        on, off = forward[k] * beta_up, (1.0 - forward[k]) * beta_down
-        mean[k] = (on - off) / (on + off)
-        if k > 0:
-            to_up, to_down = up[k] * beta_up / scales[k], down[k] * beta_down / scales[k]
-            if begin[k]:
-                beta_up = usual * to_up + (1.0 - usual) * to_down
-                beta_down = beta_up
-            else:
-                before = forward[k - 1]
-                crossing = before * leave_up * to_down + (1.0 - before) * leave_down * to_up
-                staying = before * (1.0 - leave_up) * to_up + (1.0 - before) * (1.0 - leave_down) * to_down
-                changes += crossing / (crossing + staying)
-                beta_up = (1.0 - leave_up) * to_up + leave_up * to_down
-                beta_down = (1.0 - leave_down) * to_down + leave_down * to_up
-            largest = max(beta_up, beta_down)
-            beta_up, beta_down = beta_up / largest, beta_down / largest
-    return changes
+        plus = forward[k]
+        stays, falls = (1.0 - leave_up) * up[k] * beta_up / scales[k], leave_up * between[k] * beta_down / scales[k]
+        rises, rests = leave_down * between[k] * beta_up / scales[k], (1.0 - leave_down) * down[k] * beta_down / scales[k]
+        shares[0, k], shares[1, k], shares[2, k] = plus * stays, (1.0 - plus) * rests, plus * falls + (1.0 - plus) * rises
+        beta_up, beta_down = (1.0, 1.0) if begin[k] else (stays + falls, rises + rests)

@@ -27,6 +27,7 @@ _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
 _PEAKS: Final = 2
 _HARMONICS: Final = 3
 _MODULATIONS: Final = (3, 6, 10, 16)  # knots of a run, of a wave whose frequency wanders
+_MOST_KNOTS: Final = 24  # of a harmonic
 _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
 _QUALITY: Final = 4.0  # of a line, its frequency over that width, at least: what has less wanders
 
@@ -123,6 +124,24 @@ def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[
         return tuple(found)
 
     return propose
+
+
+def harmonics(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    """A line whose frequency wanders with one more harmonic, which wanders by as many times as much."""
+    highest_hz = 0.5 / setting.data.runs[0].grid.window_s
+
+    def grow(form: Form) -> Iterator[Form]:
+        first = form.lead[0]
+        if not isinstance(first, EachRun) or not isinstance(first.basis, Modulated):
+            return
+        wave, knots = first.basis.wave, first.basis.knots
+        for order in range(2, _HARMONICS + 2):
+            harmonic = dataclasses.replace(wave, frequency_hz=order * wave.frequency_hz)
+            basis = EachRun(Wide(harmonic, min(order * knots, _MOST_KNOTS)), first.runs)
+            if basis not in form.lead and harmonic.frequency_hz < highest_hz:
+                yield dataclasses.replace(form, lead=(*form.lead, basis))
+
+    return grow
 
 
 def wanders(setting: Setting) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
