@@ -30,6 +30,7 @@ from rlgcomp.diagnosis.telegraph import Telegraph
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ROUNDS: Final = 12
+_SAME: Final = 0.1  # nats of one round
 _FEWEST: Final = 4  # jumps: fewer are steps of the bias
 _RANGE_OF_RATES: Final = 100.0  # between the most and the fewest jumps a window
 
@@ -55,13 +56,10 @@ def jumps(data: Data, design: Array, table: Array, start: Telegraph, white: Arra
         parts, more = problem.likeliest_parts(found)
         found = dataclasses.replace(found, log_parts=more)
         again = problem.at(parts, found.size)
-        if again.log_evidence <= found.log_evidence and np.array_equal(parts, found.parts):
+        if again.log_evidence < found.log_evidence + _SAME:
             break
         found = again
-    _, more = problem.likeliest_parts(found)
-    if found.count - len(data.runs) < _FEWEST:
-        return None
-    return problem.as_process(dataclasses.replace(found, log_parts=more))
+    return None if found.count - len(data.runs) < _FEWEST else problem.as_process(found)
 
 
 def _parts_of(path: Array, data: Data) -> IntArray:

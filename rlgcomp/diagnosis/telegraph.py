@@ -36,7 +36,8 @@ _RATIOS: Final = {1.0: 0.5, 3.0: 0.25, 1.0 / 3.0: 0.25}  # of the dwells in the 
 _UNSEEN: Final = 0.03  # of the white noise's variance, below which a direction of slow noise counts as white
 _ROUNDS: Final = 40
 _LEAST_STEP: Final = 1e-3  # over what is left of the data
-_SAME: Final = 1e-3  # nats of one round
+_UNDETERMINED: Final = 1e-9  # of a path, that the columns leave
+_SAME: Final = 0.01  # nats of one round
 _ROUNDS_OF_TURNS: Final = 3
 _MOST_TURNS: Final = 60
 _WORTH: Final = 0.3  # nats that a turned part must gain
@@ -134,11 +135,11 @@ def slow_columns(data: Data, noise: Noise) -> tuple[Array, Array]:
     return np.hstack(blocks), rest
 
 
-def _begun(start: Array | Telegraph, ratio: float) -> tuple[Array, float]:
-    """A first path and its half step; the upper state has its share of the time."""
+def _begun(start: Array | Telegraph, ratio: float) -> Array:
+    """A first path; the upper state has its share of the time."""
     if isinstance(start, Telegraph):
-        return start.path, start.half_step
-    return np.sign(start - np.quantile(start, 1.0 / (1.0 + ratio))) + 0.0, float(np.std(start))
+        return start.path
+    return np.asarray(np.sign(start - np.quantile(start, 1.0 / (1.0 + ratio))) + 0.0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -180,34 +181,42 @@ class _Problem:
         return cls(data, data.output / root, columns, flat, root, solve, float(np.linalg.slogdet(information)[1]))
 
     def over_dwells(self, starts: Sequence[Array | Telegraph]) -> Telegraph:
-        """The likeliest process, its evidence summed over mean dwell times and ratios of the two dwells."""
+        """The likeliest process, its evidence summed over mean dwell times and ratios of the two dwells.
+
+        For each ratio the starts are tried at the middle dwell, and the other dwells begin where the likeliest of them ended.
+        """
         longest = max(len(run.full) for run in self.data.runs)
+        dwells = np.geomspace(_SHORTEST, 0.5 * longest, _DWELLS)
+        middle, others = dwells[_DWELLS // 2], np.delete(dwells, _DWELLS // 2)
         found, values = [], []
-        for dwell in np.geomspace(_SHORTEST, 0.5 * longest, _DWELLS):
-            for ratio, share in _RATIOS.items():
-                fitted = [self.fitted(float(dwell), ratio, *_begun(start, ratio)) for start in starts]
-                likeliest = max(fitted, key=lambda one: one.log_evidence)
-                values.append(likeliest.log_evidence + math.log(share / _DWELLS))
-                found.append(likeliest)
+        for ratio, share in _RATIOS.items():
+            fitted = [self.fitted(float(middle), ratio, _begun(start, ratio)) for start in starts]
+            first = max(fitted, key=lambda one: one.log_evidence)
+            for one in (first, *(self.fitted(float(dwell), ratio, first.path) for dwell in others)):
+                values.append(one.log_evidence + math.log(share / _DWELLS))
+                found.append(one)
         top = max(values)
         total = top + math.log(sum(math.exp(value - top) for value in values))
         return dataclasses.replace(found[int(np.argmax(values))], log_evidence=total)
 
-    def fitted(self, dwell: float, ratio: float, path: Array, size: float) -> Telegraph:
-        """Expectation and maximisation from a first path and its half step."""
+    def fitted(self, dwell: float, ratio: float, path: Array) -> Telegraph:
+        """Expectation and maximisation from a first path."""
         data, root, before = self.data, self.root, -math.inf
         freedom, inverse = len(root) - self.flat, 1.0 / root**2
         begins, squared = np.array([rows.start for rows in data.slices]), np.ones(len(root))
         for _ in range(_ROUNDS):
-            weights = self.solve @ (self.output - size * path / root)
+            along = path / root
+            unmet = along - self.columns @ (self.solve @ along)  # what the columns leave of the path
+            seen = float(unmet @ along + np.sum((squared - path**2) * inverse))
+            size = float(unmet @ self.output) / seen if seen > _UNDETERMINED * float(along @ along) else 0.0
+            weights = self.solve @ (self.output - size * along)
             left = (self.output - self.columns @ weights) * root  # in the unit of the output
-            size = float(np.sum(path * left * inverse) / np.sum(squared * inverse))
             size = max(size, _LEAST_STEP * math.sqrt(float(np.mean(left**2))), 1e-300)
             square = np.sum((left**2 - 2.0 * size * path * left + size**2 * squared) * inverse) + np.sum(weights[self.flat :] ** 2)
             variance = (float(square) + data.known.square) / (freedom + data.known.windows)
             log_likelihood, path, squared, jumps = two_state(left / size, size**2 * inverse / variance, 1.0 / dwell, begins, ratio)
             log_likelihood -= 0.5 * float(np.sum((left**2 + size**2) * inverse)) / variance
-            if log_likelihood - before < _SAME and log_likelihood >= before:
+            if 0.0 <= log_likelihood - before < _SAME:
                 break
             before = log_likelihood
         value = self._log_evidence(log_likelihood, variance, size, weights)

@@ -26,10 +26,10 @@ _CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
 _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
 _PEAKS: Final = 2
 _HARMONICS: Final = 3
-_MODULATIONS: Final = (3, 6, 10, 16)  # knots of a run, of a wave whose frequency wanders
+_MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency wanders
 _MOST_KNOTS: Final = 24  # of a harmonic
 _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
-_QUALITY: Final = 4.0  # of a line, its frequency over that width, at least: what has less wanders
+_QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
