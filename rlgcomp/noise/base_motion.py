@@ -104,8 +104,7 @@ def find_lines(rate: Array, period_s: float) -> Lines:
     block = len(rate) // _BLOCKS
     if block < 2 * _LINE_SURROUNDINGS or float(np.ptp(rate)) == 0.0:
         return Lines((), 0.0)
-    frequency, spectra = _spectra(period_s, rate)
-    power = spectra[0, 0].real
+    frequency, power = (part[_INNER] for part in signal.welch(rate, fs=1.0 / period_s, nperseg=block))
     lines = _lines(power)
     if not lines.any():
         return Lines((), 0.0)
@@ -132,9 +131,10 @@ def compare(name: str, rate: Array, acceleration: Array, period_s: float, tau_s:
     block = len(rate) // _BLOCKS
     if block < 2 * _LINE_SURROUNDINGS or float(np.ptp(acceleration)) == 0.0 or float(np.ptp(rate)) == 0.0:
         return Motion(name, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-    frequency, spectra = _spectra(period_s, rate, acceleration)
-    own, other = spectra[0, 0].real, spectra[1, 1].real
-    coherence = np.abs(spectra[0, 1]) ** 2 / np.maximum(own * other, np.finfo(np.float64).tiny)
+    frequency, own = (part[_INNER] for part in signal.welch(rate, fs=1.0 / period_s, nperseg=block))
+    other = signal.welch(acceleration, fs=1.0 / period_s, nperseg=block)[1][_INNER]
+    cross = signal.csd(rate, acceleration, fs=1.0 / period_s, nperseg=block)[1][_INNER]
+    coherence = np.abs(cross) ** 2 / np.maximum(own * other, np.finfo(np.float64).tiny)
     blocks = (2.0 * len(rate) / block - 1.0) / _OVERLAP_LOSS
     coherent = np.clip(coherence - (1.0 - coherence) / (blocks - 1.0), 0.0, None) * own / own.sum()
     lines = _lines(own)
@@ -155,22 +155,6 @@ def compare(name: str, rate: Array, acceleration: Array, period_s: float, tau_s:
         rho,
         power_p,
     )
-
-
-def _spectra(period_s: float, *records: Array) -> tuple[Array, npt.NDArray[np.complex128]]:
-    """Inner frequencies, and densities of each record with each: those of `scipy.signal.csd`, whose overhead exceeds the work on
-    short blocks."""
-    samples = len(records[0])
-    block = samples // _BLOCKS
-    window = signal.get_window("hann", block)
-    starts = range(0, samples - block + 1, block - block // 2)
-    sums = np.zeros((len(records), len(records), block // 2 + 1), dtype=np.complex128)
-    for start in starts:
-        parts = np.array([record[start : start + block] for record in records])
-        transform = np.fft.rfft(window * (parts - parts.mean(axis=1, keepdims=True)))
-        sums += np.conj(transform[:, None]) * transform
-    density = 2.0 * period_s / (len(starts) * float(window @ window)) * sums
-    return np.asarray(np.fft.rfftfreq(block, period_s)[_INNER], dtype=np.float64), density[..., _INNER]
 
 
 def _lines(power: Array) -> npt.NDArray[np.bool_]:
