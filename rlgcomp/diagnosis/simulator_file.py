@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -40,7 +40,7 @@ _KNOTS: Final = 27
 _MOST_KNOTS: Final = 600
 _LONGER: Final = 3.0  # run lengths over which a law of time is tabulated
 _FAR: Final = 1.0  # range beyond a table's end over which its slope is taken
-_TAIL: Final = 4.0  # widths of a step beyond which it is level
+_TAIL: Final = 10.0  # widths of a step beyond which it is level
 _STEP: Final = 1e-6  # of a column's largest size, over which its sign is a straight line
 _EACH_ROW_S: Final = 1e-9  # of a law that is evaluated at each row
 _SMALL: Final = 1e-9  # of the largest weight of a sum of relays
@@ -258,7 +258,9 @@ class _Written:
                 continue
             pieces, complete = self._pieces(basis, weights, cause)
             found, whole = found + pieces, whole and complete
+        of_rows = {law.driver for law in found if law.step_s == _EACH_ROW_S}
         tables = [self._table(path, of_path, cause) for path, of_path in functions.items()]
+        tables = [dataclasses.replace(one, step_s=_EACH_ROW_S) if _beside(one, of_rows) else one for one in tables]
         return [*tables, *found], whole
 
     def _pieces(self, basis: Basis, weights: Array, cause: str) -> tuple[list[TabulatedLaw], bool]:
@@ -300,11 +302,7 @@ class _Written:
                 rate = basis.rate.driver
                 return [dataclasses.replace(one, factor=rate.columns[0], scale=one.scale / rate.half) for one in pieces], whole
             case Sign():
-                (w,), half = weights.tolist(), basis.driver.half
-                scaled = np.linspace(-_TAIL, _TAIL, _KNOTS) if basis.width else np.array([-1.0, 1.0])
-                values, at = (np.tanh(scaled), scaled * basis.width * half) if basis.width else (scaled, scaled * _STEP * half)
-                made = functools.partial(TabulatedLaw, cause=cause, step_s=_EACH_ROW_S, memory="none", **_driver(basis.driver))
-                return [made(knots=tuple(at.tolist()), weights=tuple((w * values).tolist()))], True
+                return [self._of_sign(basis, float(weights[0]), cause)], True
             case Since() | SmoothSince():
                 return [self._table_of_time(basis, weights, law)], True
             case Late():
@@ -374,6 +372,17 @@ class _Written:
             **({"memory": "none"} | of),
         )
 
+    def _of_sign(self, basis: Sign, weight: float, cause: str) -> TabulatedLaw:
+        """A sign, or a hyperbolic tangent of a width, at each row."""
+        at = np.array([-1.0, 1.0])
+        values = weight * at
+        if basis.width:
+            at = tabulated(lambda v: weight * np.tanh(v), np.linspace(-_TAIL, _TAIL, _KNOTS), _PRECISE * self.fit.white)
+            values = weight * np.tanh(at)
+        knots = at * (basis.width or _STEP) * basis.driver.half
+        made = functools.partial(TabulatedLaw, cause=cause, step_s=_EACH_ROW_S, memory="none", **_driver(basis.driver))
+        return made(knots=tuple(knots.tolist()), weights=tuple(values.tolist()))
+
     def _table_of_time(self, basis: Basis, weights: Array, law: Any) -> TabulatedLaw:
         def function(t: Array) -> Array:
             run: Any = SimpleNamespace(cache={}, elapsed_s=t, bins=len(t))
@@ -382,6 +391,11 @@ class _Written:
         first, last = 0.5 * self.grid.bin_s, _LONGER * self.fit.data.longest_s
         knots = tabulated(function, np.geomspace(first, last, _KNOTS), _PRECISE * self.fit.white)
         return law(memory="time", knots=tuple(knots.tolist()), weights=tuple(function(knots).tolist()))
+
+
+def _beside(table: TabulatedLaw, of_rows: Collection[str]) -> bool:
+    """Whether a function of one column is evaluated at each row: what a law of rows may cancel is no function of means."""
+    return table.memory == "none" and not table.driver_2 and table.driver in of_rows
 
 
 @dataclasses.dataclass(frozen=True)
