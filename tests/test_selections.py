@@ -110,7 +110,7 @@ def test_an_effect_of_another_amplitude_in_each_run() -> None:
     run = Run.of(other.replace(name="another run"), found.after.data.runs[0].grid, lambda binned: np.zeros(len(binned)))
     voltage = run.window_means(run.column("supply_voltage_V"))
     slope = np.polyfit(voltage, run.window_means(found.after.term(at, run)), 1)[0]
-    assert 0.6 * 0.3667 < slope < 0.3667
+    assert 0.5 * 0.3667 < slope < 0.3667
 
 
 def test_an_effect_in_all_runs_has_no_selection() -> None:

@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ROUNDS: Final = 12
 _SAME: Final = 0.1  # nats of one round
-_FEWEST: Final = 4  # jumps: fewer are steps of the bias
+_FEWEST: Final = 8  # jumps: fewer are steps of the bias, or outliers, each of which is two
 _RANGE_OF_RATES: Final = 100.0  # between the most and the fewest jumps a window
 
 
