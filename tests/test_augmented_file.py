@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.simulator_file import simulator_of
 from rlgcomp.diagnosis.states import State
+from rlgcomp.diagnosis.symmetries import Sign, about_zero
 from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
 from rlgcomp.errors import InputError
@@ -99,6 +100,23 @@ def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recor
         np.testing.assert_array_equal(one, other)
         fitted = fit.rate_deg_h(run, Grid.of(runs))  # constant after the last whole window
         assert np.std((one - fitted)[:-10]) < 0.05 * np.std(one)
+
+
+def test_a_law_of_rows_and_a_line_that_cancels_it_are_written_for_the_same_rows() -> None:
+    """A cubic spring as a wide hyperbolic tangent less its tangent: the line of bin means left 76 times the noise."""
+    time_s = 0.05 * np.arange(12000)
+    displacement = 10.0 * np.sin(2.0 * np.pi * time_s / 1.1) * (0.6 + 0.4 * np.sin(time_s / 70.0))
+    force = 2e-3 * displacement**3 + np.random.default_rng(0).normal(0.0, 0.02, len(time_s))
+    other = {"light_intensity_V": 1.0 + 1e-3 * np.sin(time_s / 40.0)}
+    table = {"time_s": time_s, "displacement_mm": displacement, "gyro_deg_h": force} | other
+    runs = [Recording(pd.DataFrame(table))]
+    data = Data(tuple(Run.of(run, Grid.of(runs), lambda binned: binned.column("gyro_deg_h")) for run in runs))
+    driver = about_zero(Driver.of(data, "displacement_mm"))
+    assert driver is not None
+    fit = fit_with(data, Form("law:displacement_mm", "b = c tanh(u / w) + k u", (Sign(driver, 2.0), Power(Path(driver)))))
+    written = simulator_of(fit, CATALOGUE)
+    assert max(np.abs(one.weights).max() for one in written.simulator.mechanisms if isinstance(one, TabulatedLaw)) > 20.0
+    assert written.error < 0.05
 
 
 def test_a_loop_about_a_curve_is_written_as_the_mechanism_that_has_its_law(root: Data) -> None:

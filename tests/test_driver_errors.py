@@ -245,11 +245,14 @@ def test_a_thermometer_that_rounds_is_no_physics(step_K: float) -> None:
     assert asked(rounded).verdict == "none"
 
 
-def test_a_wild_window_is_an_outlier_and_no_physics() -> None:
+@pytest.mark.parametrize(
+    "knocks", [{1200: 60.0, 2210: -80.0}, {310: 70.0, 640: -45.0, 1130: 95.0, 1400: -60.0, 1905: 50.0, 2210: -85.0}]
+)
+def test_wild_windows_are_outliers_and_no_physics(knocks: dict[int, float]) -> None:
     runs = made(8, slope=0.0, read_noise=0.0)
     wild = runs[0].column("gyro_deg_h").copy()
-    wild[1200:1215] += 60.0
-    wild[2210:2222] -= 80.0
+    for at, size in knocks.items():
+        wild[at : at + 12] += size
     runs[0] = runs[0].replace(table=runs[0].table.assign(gyro_deg_h=wild))
     found = asked(runs)
     assert found.verdict == "none"

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.jumps import Parts, Problem, division, jumps
+from rlgcomp.diagnosis.jumps import Divided, Parts, division, jumps
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.telegraph import Telegraph, telegraph
@@ -87,7 +87,7 @@ def test_given_parts_have_the_gaussian_evidence(data: Data) -> None:
     white = rng.uniform(0.5, 2.0, n)
     begins = np.zeros(n, np.intp)
     begins[[20, 60, data.slices[1].start, n - 30]] = 1
-    problem, parts = Problem.of(some, design, table, white), np.cumsum(begins)
+    problem, parts = Divided.of(some, design, table, white), np.cumsum(begins)
 
     def dense(square_of_levels: float) -> float:
         covariance = np.diag(white) + square_of_levels * np.equal.outer(parts, parts) + table @ table.T

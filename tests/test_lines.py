@@ -33,8 +33,7 @@ def diagnosed(stray: Callable[[rlg.Recording, int], Array]) -> Diagnosis:
         run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         runs.append(few_monitors(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + stray(run, k)), truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    few = ["periodic_interference", "supply_voltage", "thermal_lag", "thermal_hysteresis"]
-    return diagnose(fitted, runs[:2], runs[2:], only=few, window_s=3.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[:2], runs[2:], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
 
 
 def wandering(run: rlg.Recording, k: int) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -98,7 +99,7 @@ def test_other_runs_are_predicted_without_it(in_one: Diagnosis) -> None:
 
 
 def test_an_effect_of_another_amplitude_in_each_run() -> None:
-    """Other runs are predicted with the mean of the amplitudes, a little nearer to zero."""
+    """Other runs are predicted with the mean of the amplitudes, somewhat nearer to zero."""
     found = diagnosed((0.6, -0.5, 1.0))
     assert "supply_voltage" in [cause.name for cause in found.causes]
     (told,) = (one for one in found.remarks if one.code == "diagnosis.strength_by_run")
@@ -106,11 +107,16 @@ def test_an_effect_of_another_amplitude_in_each_run() -> None:
     assert set(told.data["rms"]) == {"run0", "run1", "run2"}
     assert told.data["opposite_in"] == ["run1"]
     (at,) = (k for k, one in enumerate(found.after.state.members) if one.form.region == "supply_voltage")
-    (other,) = made((0.0, 0.0, 1.0))[2:]
-    run = Run.of(other.replace(name="another run"), found.after.data.runs[0].grid, lambda binned: np.zeros(len(binned)))
+    run = found.after.data.runs[2]
+    names = ("run0", "run1", "run2", "another run")
+    as_if = [dataclasses.replace(run, binned=run.binned.replace(name=name), cache={}, derived={}) for name in names]
     voltage = run.window_means(run.column("supply_voltage_V"))
-    slope = np.polyfit(voltage, run.window_means(found.after.term(at, run)), 1)[0]
-    assert 0.5 * 0.3667 < slope < 0.3667
+    slopes = [float(np.polyfit(voltage, run.window_means(found.after.term(at, one)), 1)[0]) for one in as_if]
+    assert slopes[:3] == pytest.approx([0.6, -0.5, 1.0], abs=0.2)
+    (_, of_mean), (own, of_departures), *_ = found.after.parts[at][1]
+    assert isinstance(own, EachRun)
+    share = of_mean**2 / (of_mean**2 + of_departures**2 / 3.0)  # of a mean and three departures, all of them normal
+    assert slopes[3] == pytest.approx(share * np.mean(slopes[:3]), rel=0.05)
 
 
 def test_an_effect_in_all_runs_has_no_selection() -> None:

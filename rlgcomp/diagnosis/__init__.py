@@ -35,6 +35,7 @@ Rooms, each importing only from those before it:
     pairs       of pairs of forms
     members     a member of a set: chosen, polished, grown
     telegraph   a two-state process beside a set
+    jumps       its rival: jumps to levels of their own
     states      a set at its best: its noise, its forms, errors of its drivers
     search      a beam over sets
     posterior   probabilities of sets and regions

@@ -18,20 +18,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
-from rlgcomp.diagnosis.telegraph import Telegraph
+from rlgcomp.diagnosis.telegraph import Problem, Telegraph
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _ROUNDS: Final = 12
 _SAME: Final = 0.1  # nats of one round
-_FEWEST: Final = 8  # jumps: fewer are steps of the bias, or outliers, each of which is two
+_FEWEST: Final = 4  # jumps between parts that last: fewer are steps of the bias
+_LASTING: Final = 3  # windows: what is back where it was after fewer is an outlier
+_APART: Final = 3.0  # standard deviations between two levels, from which on they are not the same
 _RANGE_OF_RATES: Final = 100.0  # between the most and the fewest jumps a window
 
 
@@ -50,7 +52,7 @@ def jumps(data: Data, design: Array, table: Array, start: Telegraph, white: Arra
     white : ndarray, shape (n,)
         Variance of the white noise, over that of a window mean.
     """
-    problem = Problem.of(data, design, table, white)
+    problem = Divided.of(data, design, table, white)
     found = problem.at(_parts_of(start.path, data), (2.0 * start.half_step / start.sigma) ** 2)
     for _ in range(_ROUNDS):
         parts, more = problem.likeliest_parts(found)
@@ -59,7 +61,7 @@ def jumps(data: Data, design: Array, table: Array, start: Telegraph, white: Arra
         if again.log_evidence < found.log_evidence + _SAME:
             break
         found = again
-    return None if found.count - len(data.runs) < _FEWEST else problem.as_process(found)
+    return None if problem.lasting_jumps(found) < _FEWEST else problem.as_process(found)
 
 
 def _parts_of(path: Array, data: Data) -> IntArray:
@@ -106,46 +108,19 @@ class Parts:
         return int(self.parts[-1]) + 1
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Problem:
-    """Output and columns over the standard deviations of the white noise.
-
-    Parameters
-    ----------
-    data : Data
-    output : ndarray, shape (n,)
-    columns : ndarray, shape (n, m)
-        Of the baseline, flat, and then of the set.
-    flat : int
-        Of them, of the baseline.
-    inverse : ndarray, shape (n,)
-        One over the standard deviations, over that of a window mean.
-    """
-
-    data: Data
-    output: Array
-    columns: Array
-    flat: int
-    inverse: Array
-
-    @classmethod
-    def of(cls, data: Data, design: Array, table: Array, white: Array) -> Self:
-        """Of arguments of :func:`jumps`."""
-        inverse = 1.0 / np.sqrt(white)
-        return cls(data, data.output * inverse, np.hstack([design, table]) * inverse[:, None], design.shape[1], inverse)
+class Divided(Problem):
+    """A problem whose runs are divided into parts with a level each."""
 
     def at(self, parts: IntArray, size: float) -> Parts:
         """The exact evidence of given parts, and the levels' variance one step nearer to its likeliest value."""
-        starts = np.flatnonzero(np.r_[True, parts[1:] != parts[:-1]])
-        weight = np.add.reduceat(self.inverse**2, starts)
+        starts, precision = np.flatnonzero(np.r_[True, parts[1:] != parts[:-1]]), self.root**-2
+        weight = np.add.reduceat(precision, starts)
         both = np.column_stack([self.columns, self.output])
         shrink = (1.0 - 1.0 / np.sqrt(1.0 + size * weight)) / weight
-        met = np.add.reduceat(both * self.inverse[:, None], starts, axis=0)
-        both = both - self.inverse[:, None] * (shrink[:, None] * met)[parts]
+        met = np.add.reduceat(both / self.root[:, None], starts, axis=0)
+        both = both - (shrink[:, None] * met)[parts] / self.root[:, None]
         columns, output = both[:, :-1], both[:, -1]
-        information = columns.T @ columns
-        information[range(self.flat, len(information)), range(self.flat, len(information))] += 1.0
-        along = columns.T @ output
+        information, along = self.information(columns), columns.T @ output
         weights = np.linalg.solve(information, along)
         known = self.data.known
         square = max(float(output @ output - along @ weights), 1e-300) + known.square
@@ -154,11 +129,11 @@ class Problem:
         gaps = len(output) - len(self.data.runs)
         count = len(starts) - len(self.data.runs)
         rate = (count + 0.5) / (gaps + 1.0)
-        value = float(np.sum(np.log(self.inverse))) - 0.5 * float(np.sum(np.log1p(size * weight)))
+        value = -float(np.sum(np.log(self.root))) - 0.5 * float(np.sum(np.log1p(size * weight)))
         value -= 0.5 * float(np.linalg.slogdet(information)[1]) + 0.5 * freedom * math.log(square)
         value += count * math.log(rate) + (gaps - count) * math.log1p(-rate)
-        left = (self.output - self.columns @ weights) / self.inverse
-        mean = size * np.add.reduceat(left * self.inverse**2, starts) / (1.0 + size * weight)
+        left = (self.output - self.columns @ weights) * self.root
+        mean = size * np.add.reduceat(left * precision, starts) / (1.0 + size * weight)
         return Parts(
             parts,
             float(np.mean(mean**2 / variance + size / (1.0 + size * weight))),
@@ -179,13 +154,23 @@ class Problem:
         """The likeliest parts for given weights, and how much likelier all of them are, as a logarithm."""
         begins, more = [], 0.0
         for rows in self.data.slices:
-            places, gain = division(found.left[rows], self.inverse[rows] ** 2, found)
+            places, gain = division(found.left[rows], self.root[rows] ** -2, found)
             begins.append(places)
             more += gain
         first = np.concatenate([rows.start + places for rows, places in zip(self.data.slices, begins, strict=True)])
         parts = np.zeros(len(self.output), np.intp)
         parts[first] = 1
         return np.cumsum(parts) - 1, more
+
+    def lasting_jumps(self, found: Parts) -> int:
+        """Jumps from one part that lasts to the next that does, at another level."""
+        total = 0
+        for rows in self.data.slices:
+            _, first, windows = np.unique(found.parts[rows], return_index=True, return_counts=True)
+            lasts = windows >= _LASTING
+            levels, error = found.levels[rows][first[lasts]], np.sqrt(found.variance / windows[lasts])
+            total += int(np.sum(np.abs(np.diff(levels)) > _APART * np.hypot(error[1:], error[:-1])))
+        return total
 
     def as_process(self, found: Parts) -> Telegraph:
         """As what the other rooms read: the levels over their standard deviation."""

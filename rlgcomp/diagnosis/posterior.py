@@ -63,8 +63,9 @@ class Posterior:
             return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
         jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
         _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
-        if (many := _likeliest(jumping, two_valued=False)) is max(search.visited.values(), key=lambda state: state.log_posterior):
-            _search_again(search, many, forget=layout is None)
+        best = max(search.visited.values(), key=lambda state: state.log_posterior)
+        if best.telegraph is not None and not best.telegraph.two_valued:
+            _search_again(search, best.telegraph.path, forget=layout is None)
         ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
         found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
         return found if layout is not None else dataclasses.replace(found, sharpened=search.sharpened(found.best))
@@ -140,18 +141,26 @@ class Posterior:
         return sum(p for (candidate, _), p in self.of_effects.items() if candidate == others)
 
 
-def _likeliest(states: Sequence[State], *, two_valued: bool) -> State | None:
-    """Of states beside a process that jumps, the likeliest of a kind."""
-    kind = [state for state in states if state.telegraph is not None and state.telegraph.two_valued == two_valued]
-    return max(kind, key=lambda state: state.log_posterior, default=None)
-
-
 def _search_beside(search: Search, jumping: list[State], instead: float, *, forget: bool) -> None:
-    """Search again beside the paths of the likeliest two-state processes; the states beside a process are added to."""
+    """Search again beside the paths of the likeliest two-state processes.
+
+    Parameters
+    ----------
+    search : Search
+    jumping : list of State
+        With a process beside them; those that are found are added.
+    instead : float
+        Nats behind the likeliest set without a process, up to which one may stand in its place.
+    forget : bool
+        What the search keeps, meanwhile.
+    """
     paths: list[Array] = []
-    while len(paths) < _PATHS and (best := _likeliest(jumping, two_valued=True)) is not None:
+    while len(paths) < _PATHS:
+        two_valued = [state for state in jumping if state.telegraph is not None and state.telegraph.two_valued]
+        if not two_valued:
+            break
         top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
-        best = search.with_fewer_beside(best)
+        best = search.with_fewer_beside(max(two_valued, key=lambda state: state.log_posterior))
         assert best.telegraph is not None  # noqa: S101
         path = best.telegraph.path
         if best.log_posterior < top - instead:
@@ -159,18 +168,16 @@ def _search_beside(search: Search, jumping: list[State], instead: float, *, forg
         if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
             break
         paths.append(path)
-        jumping += _search_again(search, best, forget=forget)
+        jumping += _search_again(search, path, forget=forget)
 
 
-def _search_again(search: Search, beside: State | None, *, forget: bool) -> list[State]:
-    """States beside a process, with the likeliest sets beside the path that a state has."""
-    if beside is None or beside.telegraph is None:
-        return []
+def _search_again(search: Search, path: Array, *, forget: bool) -> list[State]:
+    """The likeliest sets beside a path, with a process beside them; they count as visited."""
     if forget:
         search.forget()  # two searches at once have twice the memory
     bank, found = search.bank, []
-    alone = Bank(bank.data, np.column_stack([bank.design, beside.telegraph.path]), bank.baseline)
-    for state in Search(alone, tuple(search.regions.values())).run()[:_PROVED]:
+    beside = Bank(bank.data, np.column_stack([bank.design, path]), bank.baseline)
+    for state in Search(beside, tuple(search.regions.values())).run()[:_PROVED]:
         for member in state.members:
             bank.prepare([member.form])
         possible = tuple(member for member in state.members if bank.scaled(member.form) is not None)

@@ -218,7 +218,7 @@ class Search(States):
     # --- a two-state process beside a set ----------------------------------------------------------------------------------------
 
     def with_telegraph(self, states: Sequence[State]) -> list[State]:
-        """Sets with a two-state process beside them, where there is one; they count as visited."""
+        """Sets with a process that jumps beside them, where there is one, two-valued or not; they count as visited."""
         found: list[State] = []
         for members in dict.fromkeys(state.members for state in states):
             table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])

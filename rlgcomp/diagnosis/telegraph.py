@@ -15,6 +15,7 @@ L. R. Rabiner, "A tutorial on hidden Markov models", Proc. IEEE 77, 257 (1989).
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import Final, Self
@@ -93,7 +94,7 @@ def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | 
     white : ndarray, shape (n,)
         Variance of the white noise, over that of a window mean.
     """
-    problem = _Problem.of(data, design, table, white)
+    problem = _TwoStates.of(data, design, table, white)
     found = problem.over_dwells(starts)
     for _ in range(_ROUNDS_OF_TURNS):
         moved = dataclasses.replace(found, path=problem.turned(found))
@@ -143,8 +144,8 @@ def _begun(start: Array | Telegraph, ratio: float) -> Array:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Problem:
-    """Output and columns over the standard deviations of the white noise, and what follows from them for all paths.
+class Problem:
+    """Output and columns over the standard deviations of the white noise.
 
     Parameters
     ----------
@@ -156,10 +157,6 @@ class _Problem:
         Of them, of the baseline.
     root : ndarray, shape (n,)
         The standard deviations, over that of a window mean.
-    solve : ndarray, shape (m, n)
-        The weights of an output.
-    log_det : float
-        Of the information of the weights.
     """
 
     data: Data
@@ -167,18 +164,33 @@ class _Problem:
     columns: Array
     flat: int
     root: Array
-    solve: Array
-    log_det: float
 
     @classmethod
     def of(cls, data: Data, design: Array, table: Array, white: Array) -> Self:
         """Of arguments of :func:`telegraph`."""
-        root, flat = np.sqrt(white), design.shape[1]
-        columns = np.hstack([design, table]) / root[:, None]
-        information = columns.T @ columns
-        information[range(flat, len(information)), range(flat, len(information))] += 1.0
-        solve = np.asarray(np.linalg.solve(information, columns.T), dtype=np.float64)
-        return cls(data, data.output / root, columns, flat, root, solve, float(np.linalg.slogdet(information)[1]))
+        root = np.sqrt(white)
+        return cls(data, data.output / root, np.hstack([design, table]) / root[:, None], design.shape[1], root)
+
+    def information(self, columns: Array) -> Array:
+        """Of the weights of columns like its own, those of the set with their prior."""
+        found = columns.T @ columns
+        found[range(self.flat, len(found)), range(self.flat, len(found))] += 1.0
+        return np.asarray(found)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _TwoStates(Problem):
+    """A problem with two states, and what follows from its columns for all paths."""
+
+    @functools.cached_property
+    def solve(self) -> Array:
+        """The weights of an output, shape (m, n)."""
+        return np.asarray(np.linalg.solve(self.information(self.columns), self.columns.T), dtype=np.float64)
+
+    @functools.cached_property
+    def log_det(self) -> float:
+        """Of the information of the weights."""
+        return float(np.linalg.slogdet(self.information(self.columns))[1])
 
     def over_dwells(self, starts: Sequence[Array | Telegraph]) -> Telegraph:
         """The likeliest process, its evidence summed over mean dwell times and ratios of the two dwells.
@@ -206,7 +218,7 @@ class _Problem:
         begins, squared = np.array([rows.start for rows in data.slices]), np.ones(len(root))
         for _ in range(_ROUNDS):
             along = path / root
-            unmet = along - self.columns @ (self.solve @ along)  # what the columns leave of the path
+            unmet = self._left(along)
             seen = float(unmet @ along + np.sum((squared - path**2) * inverse))
             size = float(unmet @ self.output) / seen if seen > _UNDETERMINED * float(along @ along) else 0.0
             weights = self.solve @ (self.output - size * along)
@@ -269,6 +281,7 @@ class _Problem:
         return path
 
     def _left(self, output: Array) -> Array:
+        """What the columns leave of an output, or of a path."""
         return np.asarray(output - self.columns @ (self.solve @ output))
 
 
