@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
-from rlgcomp.numerics.filters import lag, low_pass, rate_per_min, rate_window_s
+from rlgcomp.numerics.filters import decaying, lag, low_pass, rate_per_min, rate_window_s
 
 
 def test_lag_solves_its_equation() -> None:
@@ -26,6 +27,12 @@ def test_lag_solves_its_equation() -> None:
         max_step=0.5,
     )
     assert lag(values, time_s, 17.0) == pytest.approx(exact.y[0], abs=1e-8)
+
+
+@pytest.mark.parametrize(("share", "size"), [(0.97, 500), (0.9 + 0.1j, 500), (0.97, 25_000)])  # the last is compiled
+def test_values_that_decay_are_those_of_scipys_filter(share: complex, size: int) -> None:
+    values = np.random.default_rng(0).standard_normal(size) * (share / abs(share))
+    assert np.array_equal(decaying(np.array([share]), values), lfilter([1.0], [1.0, -share], values))
 
 
 def test_lag_of_uniform_and_uneven_time_agree() -> None:

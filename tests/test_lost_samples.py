@@ -55,13 +55,11 @@ def by_definition(rate: Array, at: Array, m: int, order: int, *, every: int) -> 
         windows = np.lib.stride_tricks.sliding_window_view(grid[start:stop], m)
         counts = np.isfinite(windows).sum(axis=1)
         means = np.nansum(windows, axis=1) / np.maximum(counts, 1)
-        for k in range(0, stop - start - order * m + 1, every):
-            at_windows = k + m * np.arange(order)
-            if counts[at_windows].min() < 0.8 * m - 1e-9:
-                continue
-            lack = (weights**2 * m / counts[at_windows]).sum() / (weights**2).sum()
-            total += float(weights @ means[at_windows]) ** 2 / lack
-            taken += 1
+        at_windows = np.arange(0, stop - start - order * m + 1, every)[:, None] + m * np.arange(order)
+        whole = counts[at_windows].min(axis=1) >= 0.8 * m - 1e-9
+        lack = (weights**2 * m / counts[at_windows[whole]]).sum(axis=1) / (weights**2).sum()
+        total += float(((means[at_windows[whole]] @ weights) ** 2 / lack).sum())
+        taken += int(whole.sum())
     return total, taken
 
 

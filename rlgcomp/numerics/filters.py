@@ -85,12 +85,28 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     # y_k = keep y_{k-1} + old x_{k-1} + new x_k, from integrating the straight line between the samples
     new = 1.0 + np.expm1(-ratio) / ratio
     old = -np.expm1(-ratio) - new
-    output = np.r_[values[:1], old * values[:-1] + new * values[1:]]
+    return decaying(keep, np.r_[values[:1], old * values[:-1] + new * values[1:]])
+
+
+def decaying(keep: Array, values: Array) -> Array:
+    r"""Sum of values that decay: :math:`y_k = a_k y_{k-1} + x_k`, from :math:`y_0 = x_0`.
+
+    Parameters
+    ----------
+    keep : ndarray, shape (1,) or (n - 1,)
+        What is left after a sample; a single share serves all. Real or complex, as the values are.
+    values : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
     if loaded() or (len(values) >= MANY and available()):
-        _decay(keep, output)
-    else:
-        output[:] = _decay.plain(keep.tolist(), output.tolist())
-    return output
+        return np.asarray(_decay(keep, values.copy()))
+    if len(keep) > 1:
+        return np.array(_decay.plain(keep.tolist(), values.tolist()))
+    share = keep[0].item()
+    return np.array(list(itertools.accumulate(values.tolist(), lambda total, value: share * total + value)))
 
 
 @compiled()

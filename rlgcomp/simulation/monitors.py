@@ -34,7 +34,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
-from rlgcomp.numerics.filters import rate_per_min
+from rlgcomp.numerics.filters import decaying, rate_per_min
 from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.recording import TIME
 from rlgcomp.simulation.plant import PlatinumThermometer, ThermalPlant
@@ -277,9 +277,7 @@ def gauss_markov(sd: float, correlation_s: float, time_s: Array, rng: np.random.
     time_s : ndarray, shape (n,)
     rng : numpy.random.Generator
     """
-    from scipy import signal
-
     decay = math.exp(-(time_s[1] - time_s[0]) / correlation_s)
     innovations = rng.standard_normal(len(time_s))
     innovations[1:] *= math.sqrt(1.0 - decay**2)
-    return np.asarray(sd * signal.lfilter([1.0], [1.0, -decay], innovations))
+    return sd * decaying(np.array([decay]), innovations)

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.numerics.filters import lag
+from rlgcomp.numerics.filters import decaying, lag
 
 Array = npt.NDArray[np.float64]
 # IEC 60751: R(T) = R0 (1 + A T + B T² + C (T - 100) T³), the last term below 0 degC only
@@ -82,7 +82,7 @@ class ThermalPlant:
         -------
         shell_degC, block_degC : ndarray, shape (n,)
         """
-        from scipy import linalg, signal
+        from scipy import linalg
 
         c_s, c_b, g_cs, g_sb = self.shell_capacity_J_K, self.block_capacity_J_K, self.chamber_shell_W_K, self.shell_block_W_K
         a = np.array(
@@ -104,7 +104,9 @@ class ThermalPlant:
         # diagonalise: three independent first-order recursions
         values, vectors = linalg.eig(phi)
         modes = linalg.solve(vectors, drive.T.astype(np.complex128))
-        filtered = np.array([signal.lfilter([1.0], [1.0, -value], mode) for value, mode in zip(values, modes, strict=True)])
+        if not values.imag.any():  # as of all heat that flows; two that coincide may be rounded to a pair
+            values, modes = values.real, modes.real
+        filtered = np.array([decaying(value, mode) for value, mode in zip(values[:, None], modes, strict=True)])
         state = (vectors @ filtered).real + set_point_degC[0]
         return state[1], state[2]
 
