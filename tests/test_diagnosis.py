@@ -80,7 +80,8 @@ def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expect
 
 def test_amplitudes_that_a_form_has_no_part_of_are_not_stated() -> None:
     """One play is the third of the catalogue's three, whose radius the mechanism has; the other two are not stated."""
-    runs = made({"thermal_hysteresis": {"k1_deg_h_K": 0.0, "k2_deg_h_K": 0.0, "k3_deg_h_K": 2e-3, "radius_K": 8.0}})
+    hysteresis = {"k1_deg_h_K": 0.0, "k2_deg_h_K": 0.0, "k3_deg_h_K": 2e-3, "radius_K": 8.0}
+    runs = [few_monitors(run) for run in made({"thermal_hysteresis": hysteresis})]
     few: dict[str, Any] = {"only": ["thermal_hysteresis"], "window_s": 2.0 * Grid.of(runs).window_s, "black_box": False}
     (cause,) = diagnose(Simulator.from_mapping(BASELINE), runs, **few).causes
     assert set(cause.parameters) == {"k3_deg_h_K", "radius_K"}
@@ -89,9 +90,13 @@ def test_amplitudes_that_a_form_has_no_part_of_are_not_stated() -> None:
 
 
 def test_mapping_has_the_keys_of_the_contract() -> None:
-    runs = made({"supply_voltage": {"k_deg_h_V": 0.5}})
-    few = ["supply_voltage", "magnetic_field"]
-    content = diagnose(Simulator.from_mapping(BASELINE), runs[:1], runs[1:], only=few, black_box=False).to_mapping()
+    runs = [few_monitors(run) for run in made({"supply_voltage": {"k_deg_h_V": 0.5}})]
+    few: dict[str, Any] = {
+        "only": ["supply_voltage", "magnetic_field"],
+        "window_s": 3.0 * Grid.of(runs).window_s,
+        "black_box": False,
+    }
+    content = diagnose(Simulator.from_mapping(BASELINE), runs[:1], runs[1:], **few).to_mapping()
     assert {"schema", "verdict", "mismatch", "findings", "alternatives", "unexplained", "fit", "next_experiment"} <= set(content)
     (finding,) = content["findings"]
     estimate = finding["parameters"]["k_deg_h_V"]

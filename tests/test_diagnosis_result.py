@@ -30,6 +30,7 @@ from tests.own_mechanism import write_bellows
 from tests.two_hour_runs import BASELINE, REAL, runs_of
 
 FEW = ("supply_voltage", "magnetic_field", "temperature_rate")
+WINDOW_S = 80.0  # twice those by default: half as many windows
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def runs() -> list[Recording]:
 
 @pytest.fixture(scope="module")
 def found(runs: list[Recording]) -> Diagnosis:
-    return diagnose(BASELINE, runs[:1], runs[2:], confirm=runs[1:2], only=FEW)
+    return diagnose(BASELINE, runs[:1], runs[2:], confirm=runs[1:2], only=FEW, window_s=WINDOW_S)
 
 
 def test_its_attributes_are_those_that_scripts_use(found: Diagnosis) -> None:
@@ -170,7 +171,7 @@ def test_the_file_predicts_as_the_augmented_simulator(found: Diagnosis, runs: li
 
 
 def test_the_augmented_simulator_lacks_nothing(found: Diagnosis, runs: list[Recording]) -> None:
-    again = diagnose(found.augmented, runs[1:], only=FEW, black_box=False)
+    again = diagnose(found.augmented, runs[1:], only=FEW, window_s=WINDOW_S, black_box=False)
     assert again.verdict == "none"
     assert again.p_value > 0.01
     assert again.where == ()
@@ -187,7 +188,7 @@ def test_the_page_holds_what_was_found(found: Diagnosis, tmp_path: Path) -> None
 
 
 def test_candidates_can_be_left_out(runs: list[Recording]) -> None:
-    found = diagnose(BASELINE, runs[:2], only=FEW, without=["supply_voltage"], black_box=False)
+    found = diagnose(BASELINE, runs[:2], only=FEW, without=["supply_voltage"], window_s=WINDOW_S, black_box=False)
     assert found.verdict == "unknown"
     assert found.decision.drivers == ("supply_voltage_V",)
     content = found.to_mapping()
@@ -200,7 +201,7 @@ def test_candidates_can_be_left_out(runs: list[Recording]) -> None:
 
 def test_an_output_of_another_unit_is_told_in_it(runs: list[Recording], tmp_path: Path) -> None:
     with_force = [run.replace(table=run.table.assign(force_N=1e3 * run.column("gyro_deg_h")), truth=None) for run in runs]
-    found = diagnose(BASELINE, with_force[:1], with_force[2:], output="force_N", only=FEW)
+    found = diagnose(BASELINE, with_force[:1], with_force[2:], output="force_N", only=FEW, window_s=WINDOW_S)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     content = found.to_mapping()
     assert content["output"] == {"column": "force_N", "unit": "N"}
@@ -217,12 +218,13 @@ def test_a_users_own_simulator_is_a_column(runs: list[Recording]) -> None:
     def simulated(run: Recording) -> np.ndarray:
         return BASELINE.predict(run).rate_deg_h()
 
-    found = diagnose(simulated, runs[:1], runs[2:], only=FEW, black_box=False)
+    few = {"only": FEW, "window_s": WINDOW_S, "black_box": False}
+    found = diagnose(simulated, runs[:1], runs[2:], **few)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     assert "diagnosis.beside_own_simulator" in {one.code for one in found.remarks}
     assert "thermal_polynomial" not in {mechanism.name for mechanism in found.augmented.mechanisms}
     predicted = [BASELINE.predict(run) for run in runs]
-    same = diagnose(None, runs[:1], runs[2:], simulated=[predicted[0], predicted[2]], only=FEW, black_box=False)
+    same = diagnose(None, runs[:1], runs[2:], simulated=[predicted[0], predicted[2]], **few)
     assert [cause.name for cause in same.causes] == ["supply_voltage"]
 
 
@@ -232,7 +234,7 @@ def test_one_of_several_gyros(runs: list[Recording]) -> None:
         table = run.table.drop(columns="gyro_deg_h")
         table = table.assign(gyro_x_deg_s=run.column("gyro_deg_h") / 3600.0, gyro_y_deg_s=0.001 * np.arange(len(run)))
         two.append(run.replace(table=table, truth=None))
-    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_s", only=FEW, black_box=False)
+    found = diagnose(BASELINE, two[:1], gyro="gyro_x_deg_s", only=FEW, window_s=WINDOW_S, black_box=False)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     assert found.to_mapping()["output"]["column"] == "gyro_x_deg_s"
 
@@ -245,7 +247,8 @@ def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + scale * (p - 1010.0) ** 2), truth=None)
         for run, p in zip(runs, pressure, strict=True)
     ]
-    found = diagnose(REAL, bent[:2], bent[2:], mechanisms=own, only=["bellows", "ambient_pressure"], black_box=False)
+    few = {"only": ["bellows", "ambient_pressure"], "window_s": WINDOW_S, "black_box": False}
+    found = diagnose(REAL, bent[:2], bent[2:], mechanisms=own, **few)
     (cause,) = found.causes
     assert cause.name == "bellows"
     found.save(tmp_path)
@@ -257,7 +260,7 @@ def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path
 def test_a_set_that_leaves_more_of_the_training_runs_is_not_named(runs: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
     """Here every set counts as one that does."""
     monkeypatch.setattr("rlgcomp.diagnosis.diagnose.MORE_LEFT", 0.0)
-    found = diagnose(BASELINE, runs[:1], only=FEW, black_box=False)
+    found = diagnose(BASELINE, runs[:1], only=FEW, window_s=WINDOW_S, black_box=False)
     assert found.verdict == "none"
     assert found.messages[0].code == "diagnosis.nothing_named"
     (told,) = [one for one in found.remarks if one.code == "diagnosis.worse_in_training"]
@@ -281,7 +284,9 @@ def folder(runs: list[Recording], tmp_path_factory: pytest.TempPathFactory) -> P
 def command(folder: Path, *arguments: str) -> Result:
     register_commands()
     placed = [str(folder / one) if one.endswith((".parquet", ".csv", ".yaml")) else one for one in arguments]
-    return CliRunner().invoke(app, ["diagnose", "--simulator", str(folder / "gyro.yaml"), *placed, "--only", *FEW])
+    return CliRunner().invoke(
+        app, ["diagnose", "--simulator", str(folder / "gyro.yaml"), *placed, "--averaging-s", str(WINDOW_S), "--only", *FEW]
+    )
 
 
 def test_the_command_writes_what_it_found(folder: Path, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ NO_MEMORY = "the one model takes this axis for a random walk of 10 to 30 times t
 @pytest.mark.parametrize(
     ("axis", "window_s"),
     [
-        ("x", 15.0),  # a quarter of the time that windows of 10 s take, and the same answer
+        ("x", 25.0),  # an eighth of the time that windows of 10 s take, and the same answer
         pytest.param("y", AVERAGING_S, marks=pytest.mark.xfail(reason=NO_MEMORY, strict=True)),
     ],
 )

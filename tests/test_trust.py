@@ -51,7 +51,7 @@ def test_a_signal_leaves_no_scratch(simulator: Path, tmp_path: Path) -> None:
         "simulate",
         str(simulator),
         "--profile",
-        "start 20, hold 250",
+        "start 20, hold 120",
         "--step-s",
         "0.2",
         "--out",

@@ -27,7 +27,6 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from scipy.optimize import nnls
 
 from rlgcomp.errors import InputError
 from rlgcomp.units import ARCSEC_PER_DEG, DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_ARCSEC, RAD_PER_DEG, SECONDS_PER_HOUR
@@ -209,11 +208,19 @@ def _solve(root_hours: Array, std_deg_h: Array, form: Form, floor: bool, relativ
     if form == "quadrature":
         columns, wanted = [column**2 for column in columns], std_deg_h**2
     design = np.column_stack(columns[: 1 + floor])
+    weight = 1.0 / wanted if relative else np.ones((1, len(root_hours)))
+    tables, values = design * weight[:, :, None], wanted * weight
     found = np.zeros((len(wanted), 2))
-    for row, values in enumerate(wanted):
-        weight = 1.0 / values if relative else np.ones_like(values)
-        if form == "quadrature":
-            found[row, : 1 + floor] = np.sqrt(nnls(design * weight[:, None], values * weight)[0])
-        else:
-            found[row, : 1 + floor] = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
-    return found
+    found[:, : 1 + floor] = (np.linalg.pinv(tables) @ values[:, :, None])[:, :, 0]
+    return np.sqrt(_not_negative(tables, values, found)) if form == "quadrature" else found
+
+
+def _not_negative(tables: Array, values: Array, found: Array) -> Array:
+    """Least squares of one or two columns without a negative coefficient: where one would be, the better column alone, or none."""
+    columns = tables.shape[2]
+    norms = np.sum(tables**2, axis=1)
+    alone = np.maximum(np.sum(tables * values[:, :, None], axis=1) / norms, 0.0)
+    gains = alone**2 * norms
+    bounded = np.zeros_like(found)
+    bounded[:, :columns] = np.where(gains == gains.max(axis=1, keepdims=True), alone, 0.0)
+    return np.where((found < 0.0).any(axis=1, keepdims=True), bounded, found)

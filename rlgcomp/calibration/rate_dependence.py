@@ -274,6 +274,8 @@ def rate_table(factors: Sequence[ConventionalScaleFactor], nominal_arcsec: float
 def _fit(rate: Array, error_ppm: Array, sd: Array, form: str, with_bias: bool) -> tuple[Array, Array]:
     """Parameters (lock-in, offset and bias) and fitted values; the lock-in's strength a = Omega_L² / 2 is kept non-negative."""
     linear = [np.ones(len(rate)), 1.0 / rate][: 2 if with_bias else 1]
+    design = np.column_stack(linear)
+    inverse = np.linalg.pinv(design / sd[:, None]) / sd
 
     def lock_in_ppm(strength: float) -> Array:
         if form == "series":
@@ -282,9 +284,8 @@ def _fit(rate: Array, error_ppm: Array, sd: Array, form: str, with_bias: bool) -
 
     def linear_fit(strength: float) -> tuple[Array, Array]:
         """The linear parameters in closed form for a lock-in strength, and the residual."""
-        design = np.column_stack(linear)
         target = error_ppm - lock_in_ppm(strength)
-        coefficients = np.linalg.lstsq(design / sd[:, None], target / sd, rcond=None)[0]
+        coefficients = inverse @ target
         return np.asarray(coefficients), np.asarray(target - design @ coefficients)
 
     series = np.column_stack([-1.0 / rate**2 / PPM, *linear])
