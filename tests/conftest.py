@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -41,6 +42,17 @@ typer.main.get_command_from_info = built_once
 def pytest_collection_finish() -> None:
     """Thousands of tests and the modules that they import stay until the end; collections of garbage look at them seldom."""
     gc.set_threshold(100_000, 20, 50)  # not gc.freeze: the lowest version of Hypothesis takes what is frozen for lost
+
+
+def pytest_runtest_teardown() -> None:
+    """Experiments silence the remarks of their process; the next test hears them."""
+    logging.disable(logging.NOTSET)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures of pages are made and not drawn: for tests that look at a page's text, or at its files, alone."""
+    monkeypatch.setattr("rlgcomp.report.svg.svg", lambda *_: "<svg></svg>")
 
 
 @pytest.fixture(scope="session")

@@ -127,6 +127,7 @@ def test_the_whole_way(folder: Path, tmp_path: Path) -> None:
     assert after.averaged().rate_deg_h().std() < 0.5 * before.averaged().rate_deg_h().std()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_json_is_json(folder: Path, tmp_path: Path) -> None:
     calls = [
         ("inspect", folder / "run1.parquet"),
@@ -361,6 +362,7 @@ def test_a_simulator_file_is_not_written_over(
     assert (tmp_path / "gyro.yaml").read_text() == SIMULATOR
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_command_replaces_what_it_wrote_and_nothing_else(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rlgcomp.export.toolchain.TOOLCHAINS", ())
     shutil.copytree(folder / "model", tmp_path / "a" / "model")
@@ -592,6 +594,7 @@ def test_raw_pulses_are_calibrated_on_the_way_in(tmp_path: Path, short_runs: lis
 
 
 @pytest.mark.parametrize("known", [None, 0.8], ids=["size unknown", "size known"])
+@pytest.mark.usefixtures("undrawn")
 def test_one_gyros_calibration_is_applied_to_that_of_several(
     tmp_path: Path, short_runs: list[rlg.Recording], known: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -658,6 +661,7 @@ def test_one_gyros_calibration_is_applied_to_that_of_several(
     assert "'gyro_x_deg_h' is not among them; choose with --gyro COLUMN, or name one so with --map gyro_x_deg_h=" in text
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_diagnosis_takes_one_gyros_calibration_too(tmp_path: Path, short_runs: list[rlg.Recording]) -> None:
     (tmp_path / "k.json").write_text('{"schema": "rlgcomp.calibration/1", "kind": "gyro", "pulse_arcsec": 0.8}')
     (tmp_path / "gyro.yaml").write_text("kind: chamber\nmechanisms: []\n")

@@ -131,6 +131,7 @@ def test_everything_is_plain_json(evaluation: rlg.Evaluation) -> None:
     assert len(content["traces"][0]["time_s"]) == evaluation.runs[0].windows
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_that_was_trained_on_has_a_remark(
     trained: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

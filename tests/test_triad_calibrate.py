@@ -106,6 +106,7 @@ def test_a_run_whose_navigator_is_made_worse_has_a_remark(found: TriadCalibratio
     assert remark.data == {"run": "lost", "before_m_s": 0.022, "after_m_s": 0.027}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_report_states_where_the_calibration_is_no_better() -> None:
     found = triads.turntable()
     assert 'class="unit">better' in render(found)
@@ -132,6 +133,8 @@ def files(tmp_path_factory: pytest.TempPathFactory, recordings: list[rlg.Recordi
 
 
 def test_the_command_writes_a_calibration_and_a_report(tmp_path: Path, files: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    known = triads.turntable().alternatives  # of the same runs
+    monkeypatch.setattr("rlgcomp.calibration.triad.calibrate.predicted", lambda *_: known)
     result = invoke("calibrate", *files, "--out", tmp_path / "cal.json", "--report", tmp_path / "report")
     assert result.exit_code == 0, result.output
     assert "pass through zero rate" in result.output
@@ -162,6 +165,7 @@ def of_two_steps(angle_random_walk_deg_sqrt_h: float) -> TableCalibration:
     return calibrate_turntable(triads.recordings()[:2], angle_random_walk_deg_sqrt_h=angle_random_walk_deg_sqrt_h)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("report", ["report", "."])
 def test_a_calibration_and_its_report_are_replaced_together(
     tmp_path: Path, files: list[Path], monkeypatch: pytest.MonkeyPatch, report: str
