@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -311,6 +312,25 @@ def test_two_state_recursions_sum_over_all_paths(of_dwells: float) -> None:
     assert found[0] == pytest.approx(mean / total, abs=1e-6)
     assert found[1] == pytest.approx(squared / total, abs=1e-6)
     assert changes == pytest.approx(jumps / total, abs=1e-6)
+
+
+@pytest.mark.parametrize(("away", "sd"), [(3.0, 0.05), (40.0, 0.5), (40.0, 30.0), (0.2, 200.0)])
+def test_a_window_with_a_jump_far_from_both_values_has_a_mean_near_the_nearer_one(away: float, sd: float) -> None:
+    """Where the normal distribution function underflows, against an integral of the logarithms; one window, which surely jumps."""
+    means = (np.arange(400_000) + 0.5) / 200_000.0 - 1.0
+    logs = -0.5 * ((away - means) / sd) ** 2
+    weights = np.exp(logs - logs.max())
+    log_likelihood, mean, squared, changes = two_state(np.array([away]), np.array([sd**-2.0]), 0.5)
+    of_either = np.logaddexp(-0.5 * ((away - 1.0) / sd) ** 2, -0.5 * ((away + 1.0) / sd) ** 2) - math.log(2.0)
+    of_change = logs.max() + math.log(weights.mean())
+    total = np.logaddexp(of_either, of_change) - math.log(2.0)
+    assert log_likelihood - 0.5 * (away**2 + 1.0) / sd**2 == pytest.approx(total, abs=1e-3)
+    share = math.exp(of_change - math.log(2.0) - total)
+    assert changes == pytest.approx(share, abs=1e-3)
+    held = 1.0 / (1.0 + math.exp(-2.0 * away / sd**2))  # of the upper value, where it does not jump
+    within = weights @ means / weights.sum(), weights @ means**2 / weights.sum()
+    assert mean[0] == pytest.approx(share * within[0] + (1.0 - share) * (2.0 * held - 1.0), abs=1e-4)
+    assert squared[0] == pytest.approx(share * within[1] + 1.0 - share, abs=1e-4)
 
 
 def test_a_two_state_process_beside_slow_noise_keeps_its_size(data: Data) -> None:

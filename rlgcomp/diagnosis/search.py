@@ -221,25 +221,30 @@ class Search(States):
         """Sets with a process that jumps beside them, where there is one, two-valued or not; they count as visited."""
         found: list[State] = []
         for members in dict.fromkeys(state.members for state in states):
-            table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
-            errors: Errors | None = None
-            for _ in range(ROUNDS_OF_ERRORS):
-                found_errors = self._errors_of(State(members, Noise(errors=errors), 0.0))
-                errors = None if found_errors is None else found_errors.without_outliers
-            white = self.bank.data.white + (0.0 if errors is None else errors.variances)
-            noise = self.calmest(errors)
-            processes = self._processes(table, self._slow(table), white, noise)
-            if not processes:
-                continue
-            seen = [self._with(one, members, noise) for one in processes]
-            slower = self._noise_beside(processes[0].path, members, noise)
-            if slower != noise:
-                seen += [self._with(one, members, slower) for one in self._processes(table, processes[:1], white, slower)]
-            likeliest = {state.key: state for state in sorted(seen, key=lambda one: one.log_point)}
-            for state in likeliest.values():
-                self.visit(state)
-            found += likeliest.values()
+            if members not in self._beside_processes:
+                self._beside_processes[members] = self._with_processes(members)
+            found += self._beside_processes[members]
+        for state in found:
+            self.visit(state)
         return found
+
+    def _with_processes(self, members: Set) -> list[State]:
+        """A set with each kind of process that jumps beside it, at its likeliest noise."""
+        table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
+        errors: Errors | None = None
+        for _ in range(ROUNDS_OF_ERRORS):
+            found_errors = self._errors_of(State(members, Noise(errors=errors), 0.0))
+            errors = None if found_errors is None else found_errors.without_outliers
+        white = self.bank.data.white + (0.0 if errors is None else errors.variances)
+        noise = self.calmest(errors)
+        processes = self._processes(table, self._slow(table), white, noise)
+        if not processes:
+            return []
+        seen = [self._with(one, members, noise) for one in processes]
+        slower = self._noise_beside(processes[0].path, members, noise)
+        if slower != noise:
+            seen += [self._with(one, members, slower) for one in self._processes(table, processes[:1], white, slower)]
+        return list({state.key: state for state in sorted(seen, key=lambda one: one.log_point)}.values())
 
     def with_fewer_beside(self, state: State) -> State:
         """A set beside a two-state process less its members that stood in for jumps: without each, the path is found anew."""

@@ -85,6 +85,7 @@ class States(Members):
     def __init__(self, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> None:
         super().__init__(bank, regions, layout)
         self.visited: dict[Key, State] = {}
+        self._beside_processes: dict[Set, list[State]] = {}
         self._near: set[str] = set()
         self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
         self._errors: list[Errors] = []

@@ -43,6 +43,8 @@ _ROUNDS_OF_TURNS: Final = 3
 _MOST_TURNS: Final = 60
 _WORTH: Final = 0.3  # nats that a turned part must gain
 _FEWEST_JUMPS: Final = 2.0
+_LEAST_LOG: Final = -700.0  # of a likelihood over the largest
+_FAR: Final = -35.0  # where the error function's complement still has all of its digits
 _CLEAR: Final = 5.0  # standard deviations of the half step, for Laplace's approximation
 
 
@@ -188,6 +190,12 @@ class _TwoStates(Problem):
         return np.asarray(np.linalg.solve(self.information(self.columns), self.columns.T), dtype=np.float64)
 
     @functools.cached_property
+    def without(self) -> tuple[Array, Array]:
+        """The weights without a process, and what they leave of the output."""
+        weights = self.solve @ self.output
+        return weights, self.output - self.columns @ weights
+
+    @functools.cached_property
     def log_det(self) -> float:
         """Of the information of the weights."""
         return float(np.linalg.slogdet(self.information(self.columns))[1])
@@ -216,22 +224,25 @@ class _TwoStates(Problem):
         data, root, before = self.data, self.root, -math.inf
         freedom, inverse = len(root) - self.flat, 1.0 / root**2
         begins, squared = np.array([rows.start for rows in data.slices]), np.ones(len(root))
+        without, left_without = self.without
         for _ in range(_ROUNDS):
             along = path / root
-            unmet = self._left(along)
+            met = self.solve @ along
+            held = self.columns @ met  # of the path, by the columns
+            unmet = along - held
             seen = float(unmet @ along + np.sum((squared - path**2) * inverse))
             size = float(unmet @ self.output) / seen if seen > _UNDETERMINED * float(along @ along) else 0.0
-            weights = self.solve @ (self.output - size * along)
-            left = (self.output - self.columns @ weights) * root  # in the unit of the output
+            weights = without - size * met
+            left = (left_without + size * held) * root  # in the unit of the output
             size = max(size, _LEAST_STEP * math.sqrt(float(np.mean(left**2))), 1e-300)
             square = np.sum((left**2 - 2.0 * size * path * left + size**2 * squared) * inverse) + np.sum(weights[self.flat :] ** 2)
             variance = (float(square) + data.known.square) / (freedom + data.known.windows)
             log_likelihood, path, squared, jumps = two_state(left / size, size**2 * inverse / variance, 1.0 / dwell, begins, ratio)
             log_likelihood -= 0.5 * float(np.sum((left**2 + size**2) * inverse)) / variance
-            if 0.0 <= log_likelihood - before < _SAME:
+            value = self._log_evidence(log_likelihood, variance, size, weights)
+            if value < before + _SAME:
                 break
-            before = log_likelihood
-        value = self._log_evidence(log_likelihood, variance, size, weights)
+            before = value
         return Telegraph(size, math.sqrt(variance), dwell, path, jumps, value, ratio)
 
     def _log_evidence(self, log_likelihood: float, variance: float, size: float, weights: Array) -> float:
@@ -260,25 +271,31 @@ class _TwoStates(Problem):
         """
         path = np.where(found.path < 0.0, -1.0, 1.0)
         cost = math.log(max(found.dwell - 1.0, 1.0))  # of a jump
+        turns = [self._turn(rows, found, path) for rows in self.data.slices]
         for _ in range(_MOST_TURNS):
-            best, part = 0.0, slice(0)
+            best, turned, part = 0.0, 0, slice(0)
             left = self._left(self.output - found.half_step * path / self.root)
-            for rows in self.data.slices:
-                turn = 2.0 * found.half_step * path[rows] / self.root[rows]
-                along, own = _sums(turn * left[rows]), 0.5 * _sums(turn**2)
-                across = _sums(turn[:, None] * self.columns[rows]) @ _sums(turn[:, None] * self.solve[:, rows].T).T
-                met = 0.5 * np.diag(across)  # of a part from a to b the columns meet met_a + met_b - across_ab
+            for run, (rows, (turn, begin, close, across)) in enumerate(zip(self.data.slices, turns, strict=True)):
+                along = _sums(turn * left[rows]) / found.sigma**2
                 jumps = np.r_[0.0, np.where(path[rows][1:] != path[rows][:-1], cost, -cost), 0.0]  # ends of a run cost nothing
-                begin, close = (jumps + side * (along + own + side * met) / found.sigma**2 for side in (1.0, -1.0))
-                gain = np.add.outer(begin, close) - across / found.sigma**2
-                gain[np.tri(len(gain), dtype=np.bool_)] = -math.inf
-                k, end = np.unravel_index(int(np.argmax(gain)), gain.shape)
-                if gain[k, end] > best:
-                    best, part = float(gain[k, end]), slice(rows.start + int(k), rows.start + int(end))
+                gain, first, end = _likeliest_part(jumps + along + begin, jumps - along + close, across)
+                if gain > best:
+                    best, turned, part = gain, run, slice(rows.start + first, rows.start + end)
             if best < _WORTH:
                 break
             path[part] *= -1.0
+            turns[turned] = self._turn(self.data.slices[turned], found, path)
         return path
+
+    def _turn(self, rows: slice, found: Telegraph, path: Array) -> tuple[Array, Array, Array, Array]:
+        """Of the turn of a run's windows: what it changes, and what a part gains by its begin, by its close, and loses by both.
+
+        Nats, but for what the output shares with the turn. Of a part from a to b the columns meet met_a + met_b - across_ab.
+        """
+        turn = 2.0 * found.half_step * path[rows] / self.root[rows]
+        across = _sums(turn[:, None] * self.columns[rows]) @ (_sums(turn[:, None] * self.solve[:, rows].T).T / found.sigma**2)
+        met, own = 0.5 * np.diag(across), 0.5 * _sums(turn**2) / found.sigma**2
+        return turn, met + own, met - own, across
 
     def _left(self, output: Array) -> Array:
         """What the columns leave of an output, or of a path."""
@@ -318,39 +335,61 @@ def two_state(
         Posterior mean of the number of changes.
     """
     half = precision * ratio_to_step
-    between, mean_between, squared_between = _changing(ratio_to_step, precision)
-    logs = np.stack([half, -half, between])
-    top = np.max(logs, axis=0)
+    between, mean_between, squared_between = np.empty((3, len(half)))
+    _changing(ratio_to_step, precision, between, mean_between, squared_between)
+    top = np.maximum(np.abs(half), between)
     shares, scales = np.empty((3, len(half))), np.empty(len(half))
     begin = np.zeros(len(half), np.bool_)
     begin[begins] = True  # from one run to the next nothing is known
     leave_up, leave_down = min(flip / math.sqrt(ratio), 0.5), min(flip * math.sqrt(ratio), 0.5)
-    _recursions(*np.exp(np.maximum(logs - top, -700.0)), begin, leave_up, leave_down, shares, scales)
+    up, down, change = (np.exp(np.maximum(logs - top, _LEAST_LOG)) for logs in (half, -half, between))
+    _recursions(up, down, change, begin, leave_up, leave_down, shares, scales)
     up, down, change = shares
     log_likelihood = float(np.sum(np.log(scales)) + np.sum(top))
     return log_likelihood, up - down + change * mean_between, up + down + change * squared_between, float(np.sum(change))
 
 
-def _changing(ratio_to_step: Array, precision: Array) -> tuple[Array, Array, Array]:
-    """Of windows in which the state changes: log likelihood as of :func:`two_state`, mean of the state and of its square.
+@compiled()
+def _changing(ratio_to_step: Array, precision: Array, log_likelihood: Array, mean: Array, squared: Array) -> None:
+    """Fill, of windows in which the state changes, the log likelihood as of :func:`two_state`, the state's mean and its square's.
 
     The mean m of a window is uniform from -1 to 1, so ∫ exp(q (ρ m + (1 - m²) / 2)) dm / 2 is the likelihood, and m given the datum
     a normal variable of mean ρ and variance 1 / q within these limits.
     """
-    from scipy.special import log_ndtr
+    constant = 0.5 * math.log(2.0 * math.pi)
+    for k in range(len(precision)):
+        q, far = precision[k], abs(ratio_to_step[k])
+        root = math.sqrt(q)
+        upper, lower = (1.0 - far) * root, (-1.0 - far) * root
+        log_upper = _log_normal(upper)
+        log_inside = log_upper + math.log1p(-math.exp(min(_log_normal(lower) - log_upper, -1e-15)))
+        at_upper, at_lower = math.exp(-0.5 * upper**2 - constant - log_inside), math.exp(-0.5 * lower**2 - constant - log_inside)
+        log_likelihood[k] = constant - math.log(2.0 * root) + 0.5 * q * (1.0 - far) ** 2 + q * far + log_inside
+        moved = (at_lower - at_upper) / root
+        mean[k] = min(max(far + moved, 0.0), 1.0)
+        squared[k] = far * (far + moved) + (1.0 - upper * at_upper + lower * at_lower) / q + far * moved
+        squared[k] = min(max(squared[k], mean[k] ** 2), 1.0)
+        mean[k] = math.copysign(mean[k], ratio_to_step[k])
 
-    root, far = np.sqrt(precision), np.abs(ratio_to_step)
-    upper, lower = (1.0 - far) * root, (-1.0 - far) * root
-    log_upper = log_ndtr(upper)
-    log_inside = log_upper + np.log1p(-np.exp(np.minimum(log_ndtr(lower) - log_upper, -1e-15)))
-    log_likelihood = (
-        0.5 * math.log(0.5 * math.pi) - np.log(root) + 0.5 * precision * (1.0 - far) ** 2 + precision * far + log_inside
-    )
-    at_upper, at_lower = (np.exp(-0.5 * side**2 - 0.5 * math.log(2.0 * math.pi) - log_inside) for side in (upper, lower))
-    mean = far + (at_lower - at_upper) / root
-    squared = far * mean + (1.0 - upper * at_upper + lower * at_lower) / precision + far * (at_lower - at_upper) / root
-    mean = np.clip(mean, 0.0, 1.0)
-    return log_likelihood, np.copysign(mean, ratio_to_step), np.clip(squared, mean**2, 1.0)
+
+def _log_normal(x: float) -> float:
+    """Logarithm of the normal distribution function; where it underflows, by its asymptotic series."""
+    if x > _FAR:
+        return math.log(0.5 * math.erfc(-x / math.sqrt(2.0)))
+    series = 1.0 - 1.0 / x**2 + 3.0 / x**4 - 15.0 / x**6
+    return -0.5 * x**2 - math.log(-x) - 0.5 * math.log(2.0 * math.pi) + math.log(series)
+
+
+@compiled()
+def _likeliest_part(begin: Array, close: Array, across: Array) -> tuple[float, int, int]:
+    """The largest begin_i + close_j - across_ij with i < j, and i and j."""
+    gain, first, end = -math.inf, 0, 0
+    for i in range(len(begin)):
+        for j in range(i + 1, len(close)):
+            here = begin[i] + close[j] - across[i, j]
+            if here > gain:
+                gain, first, end = here, i, j
+    return gain, first, end
 
 
 @compiled()
