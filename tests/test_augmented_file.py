@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays
+from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
@@ -75,6 +75,7 @@ def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
         "distributed lags": (Distributed(block, 1500.0, 0.6, 1.4),),
         "plays": (Plays(block, 0.2, True), Plays(block, 0.3, False, "above")),
         "relays": (hop, Shift(hop), Glitch(hop)),
+        "curves": (Curves(block, 0.4),),
         "density": (Preisach(block, 0.6, True, 0.5, 20),),
         "product": (Product(Path(block), Path(Driver.of(data, "supply_voltage_V"))),),
         "time": (Since("exponential", 1500.0, 20000.0), Since("power", 0.5, 20000.0), SmoothSince(70.0, 20000.0)),
@@ -84,7 +85,7 @@ def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
 
 @pytest.mark.parametrize("name", [
     "polynomial and smooth", "difference", "contrast", "nonlinearities", "rate", "late", "lags", "plays", "relays", "density",
-    "distributed lags", "product", "time", "waves",
+    "curves", "distributed lags", "product", "time", "waves",
 ])  # fmt: skip
 def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], root: Data, tmp_path: File) -> None:
     bases = forms_of(root)[name]
@@ -161,6 +162,8 @@ def test_a_rate_that_jumps_from_row_to_row_is_read_as_it_is() -> None:
         {"driver": "x_V", "memory": "none", "knots": [0.0, 1.0], "weights": [1.0]},
         {"driver": "x_V", "memory": "none", "knots": [1.0, 0.0], "weights": [1.0, 2.0]},
         {"driver": "x_V", "memory": "relays", "knots": [1.0], "weights": [1.0]},
+        {"driver": "x_V", "memory": "curves", "knots": [0.0, 1.0], "weights": [1.0, 2.0], "knots_2": [1.0]},
+        {"driver": "x_V", "memory": "curves", "knots": [0.0, 1.0], "weights": [1.0, 2.0], "weights_2": [1.0, 2.0]},
         {"driver": "x_V", "memory": "product", "knots": [1.0, 2.0], "weights": [1.0]},
         {"knots": "many"},
         {"knots": [float("nan")]},

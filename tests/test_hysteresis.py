@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import rlgcomp as rlg
-from rlgcomp.numerics.hysteresis import BoucWen, ColemanHodgdon, Play, Preisach
+from rlgcomp.numerics.hysteresis import BoucWen, ColemanHodgdon, Play, Preisach, duhem_paths
 
 OPERATORS = [
     *(Play((0.5, 2.0, 7.0)), Preisach(-10.0, 10.0, 25), Preisach(-10.0, 10.0, 25, 4.0)),
@@ -135,6 +135,31 @@ def test_coleman_hodgdon_solves_its_equation() -> None:
 
         z += solve_ivp(slope, (a, b), [z[-1]], t_eval=np.linspace(a, b, 2001)[1:], rtol=1e-9, atol=1e-12).y[0].tolist()
     np.testing.assert_allclose(run(operator, u), z, atol=1e-6)
+
+
+def test_loops_about_two_curves_are_those_of_coleman_hodgdon_and_of_bouc_wen_where_they_are_the_same_law() -> None:
+    u = finely([0.0, 20.0, -15.0, 10.0, -4.0], 2000)
+    middles = 0.5 * (u + np.r_[u[:1], u[:-1]])
+    operator = ColemanHodgdon(radius=5.0, centre=3.0, width=12.0)
+    curve = np.tanh((middles - 3.0) / 12.0)[:, None]
+    np.testing.assert_allclose(duhem_paths(u, 5.0, curve, curve)[:, 0], run(operator, u), atol=1e-12)
+    limits = np.full((len(u), 1), 2.5)  # dz = A du - β |du| z goes to ± A / β
+    np.testing.assert_allclose(duhem_paths(u, 2.5 / 1.5, limits, -limits)[:, 0], run(BoucWen(1.5, 2.5, 1.0, 1.0), u), atol=1e-4)
+
+
+def test_loops_about_two_curves_solve_their_equation() -> None:
+    turns = [0.0, 20.0, -15.0, 10.0]
+    u = finely(turns, 2000)
+    middles = 0.5 * (u + np.r_[u[:1], u[:-1]])
+    rising, falling = (lambda x: np.sin(x / 9.0)), (lambda x: 0.3 * np.cos(x / 5.0) - 0.4)
+    z = [0.5 * (rising(0.0) + falling(0.0))]
+    for a, b in itertools.pairwise(turns):
+
+        def slope(x: float, y: np.ndarray, way: float = np.sign(b - a)) -> np.ndarray:
+            return way * ((rising if way > 0.0 else falling)(x) - y) / 6.0
+
+        z += solve_ivp(slope, (a, b), [z[-1]], t_eval=np.linspace(a, b, 2001)[1:], rtol=1e-9, atol=1e-12).y[0].tolist()
+    np.testing.assert_allclose(duhem_paths(u, 6.0, rising(middles)[:, None], falling(middles)[:, None])[:, 0], z, atol=1e-5)
 
 
 def test_coleman_hodgdon_is_the_narrower_where_its_curve_saturates() -> None:

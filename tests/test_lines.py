@@ -87,7 +87,16 @@ def oscillating(run: rlg.Recording, k: int) -> Array:
     return np.asarray(0.02 * np.sin(2.0 * np.pi * 4.0 * u + stray))
 
 
-@pytest.mark.parametrize("stray", [smooth, oscillating])
+def resonant(run: rlg.Recording, k: int) -> Array:
+    """White noise through a resonance of quality two: phase and amplitude are forgotten together."""
+    frequency = np.fft.rfftfreq(len(run), 10.0)
+    drawn = np.random.default_rng(k).standard_normal((2, len(frequency)))
+    answer = 1.0 / (PERIOD_S**-2.0 - frequency**2 + 0.5j * frequency / PERIOD_S)
+    found = np.fft.irfft(answer * (drawn[0] + 1j * drawn[1]), len(run))
+    return np.asarray(0.02 * found / np.std(found))
+
+
+@pytest.mark.parametrize("stray", [smooth, oscillating, resonant])
 def test_what_keeps_its_phase_for_less_than_a_cycle_is_no_line(
     stray: Callable[[rlg.Recording, int], Array], tmp_path: Path
 ) -> None:

@@ -44,7 +44,6 @@ def test_the_hard_axis_gets_an_honest_answer(hard_axis: rlg.Diagnosis) -> None:
     assert "the leg is not described" in statement
 
 
-@pytest.mark.xfail(reason=NO_MEMORY, strict=True)
 def test_the_rest_of_the_hard_axis_is_unknown(hard_axis: rlg.Diagnosis) -> None:
     assert memories(hard_axis)
     assert hard_axis.verdict == "unknown"

@@ -72,6 +72,15 @@ def test_steps_and_offsets_of_the_gyro_stay(rows: slice) -> None:
     assert without_gyro_outliers(recording, None) == (recording, ())
 
 
+@pytest.mark.parametrize("step_s", [0.005, 0.1, 1.0])
+def test_a_strong_answer_to_the_temperature_is_no_burst_however_short_the_run(step_s: float) -> None:
+    """It deviates from the median of a run of seconds by many standard deviations, and noise makes any edge look sharp."""
+    sound = run(step_s=step_s)
+    table = sound.table.assign(gyro_deg_h=sound.column("gyro_deg_h") + 0.01 * sound.column("temperature_block_degC"))
+    recording = sound.replace(table=table)
+    assert without_gyro_outliers(recording, None) == (recording, ())
+
+
 def test_the_tip_of_a_steep_course_is_no_outlier() -> None:
     recording = run()
     course = 0.4 * np.abs(np.arange(ROWS) - ROWS / 2.0)

@@ -144,13 +144,19 @@ def _periodic(mechanism: PeriodicInterference, _columns: Columns, _runs: Sequenc
     return [{"memory": "time", "function": name, "table": (mechanism.frequency_hz,)} for name in ("cosine", "sine")]
 
 
-def _law(mechanism: TabulatedLaw, columns: Columns, runs: Sequence[Recording]) -> Form:
+def _require_causal(mechanism: TabulatedLaw) -> None:
     if mechanism.change == "glitch":
         raise NoCausalFormError("it is pulses where the bias changes")
-    change = {"derivative_s": mechanism.step_s} if mechanism.change == "derivative" else {}
-    common = {"factor": mechanism.factor, **change}
     if mechanism.memory == "growing wave":
         raise NoCausalFormError("it grows with the length of the run, which is not known before its end")
+    if mechanism.memory == "curves":
+        raise NoCausalFormError("its loops go about two tabulated curves, which neither a stream nor C code runs")
+
+
+def _law(mechanism: TabulatedLaw, columns: Columns, runs: Sequence[Recording]) -> Form:
+    _require_causal(mechanism)
+    change = {"derivative_s": mechanism.step_s} if mechanism.change == "derivative" else {}
+    common = {"factor": mechanism.factor, **change}
     if mechanism.memory == "wave":
         parts = zip(mechanism.knots, mechanism.weights, mechanism.weights_2, strict=True)
         wave = {**common, "memory": "time"}

@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.lines import line_of
-from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays
+from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.parameters import of_law, of_mechanism
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
@@ -351,7 +351,7 @@ def function_of(fit: Fit, k: int) -> Function | None:
         return _of_time(fit, k)
     if isinstance(inner, Lag | Conduction | Distributed | Spectrum):
         return _response(fit, k, inner.driver)
-    if isinstance(inner, Relays | Plays | Followed | Preisach):
+    if isinstance(inner, Relays | Plays | Followed | Curves | Preisach):
         return _loop(fit, k, inner.driver)
     return None
 

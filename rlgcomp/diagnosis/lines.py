@@ -8,13 +8,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.bases import EachRun, gaussian_process
+from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.fit import Estimate, Fit
-from rlgcomp.diagnosis.times import Modulated
+from rlgcomp.diagnosis.times import Modulated, mean_and_width
 
 Array = npt.NDArray[np.float64]
 _DRAWS: Final = 200  # of the weights, for standard deviations
-_PER_KNOT: Final = 16  # points of time
 
 
 def line_of(fit: Fit, k: int) -> dict[str, Estimate]:
@@ -30,7 +29,7 @@ def line_of(fit: Fit, k: int) -> dict[str, Estimate]:
 
 
 def _wandering(fit: Fit, k: int, line: Modulated, names: tuple[str, ...]) -> dict[str, Estimate]:
-    """Of the envelope A(t) of each run: mean and standard deviation of its spectrum, by Parseval's theorem.
+    """Of the envelope of each run: mean and standard deviation of its spectrum.
 
     The mean is that of all time as far as runs differ among each other and weights are known.
     """
@@ -40,22 +39,14 @@ def _wandering(fit: Fit, k: int, line: Modulated, names: tuple[str, ...]) -> dic
     rng = np.random.default_rng(0)
     covariance = fit.solution.covariance[inside, inside]
     drawn = rng.multivariate_normal(fit.solution.weights[inside], covariance, _DRAWS, method="eigh")
-    weights = np.vstack([fit.solution.weights[inside], drawn]).reshape(-1, len(names), 2, line.knots)
-    time = np.linspace(-1.0, 1.0, _PER_KNOT * line.knots)
-    slow = gaussian_process(time, line.width, line.knots)
-    moments = np.zeros((len(weights), len(names), 3))  # of the power of each run: its integral, mean and mean square
+    weights = np.vstack([fit.solution.weights[inside], drawn]).reshape(-1, len(names), count)
+    moments = np.zeros((len(weights), len(names), 3))
     for run in of_runs:
         j = names.index(run.name)
-        envelope = (weights[:, j, 0] - 1j * weights[:, j, 1]) @ slow.T
-        seconds = run.elapsed_s[-1] * 0.5 * (time[1] - time[0])
-        slope = np.gradient(envelope, seconds, axis=1) / (2.0 * math.pi)
-        power = np.abs(envelope) ** 2, np.imag(np.conj(envelope) * slope), np.abs(slope) ** 2
-        moments[:, j] = np.transpose([one.sum(axis=1) * seconds for one in power])
-    total = moments.sum(axis=1)
-    mean = total[:, 1] / total[:, 0]
-    width = np.sqrt(np.maximum(total[:, 2] / total[:, 0] - mean**2, 0.0))
+        moments[:, j] = line.moments(weights[:, j], run.elapsed_s[-1])
+    mean, width = mean_and_width(moments)
     own = moments[0, :, 1] / np.maximum(moments[0, :, 0], 1e-300) - mean[0]
-    shares = moments[0, :, 0] / total[0, 0]
+    shares = moments[0, :, 0] / moments[0, :, 0].sum()
     between = math.sqrt(float(shares**2 @ own**2))
     return {
         "frequency_hz": Estimate(line.wave.frequency_hz + float(mean[0]), math.hypot(float(np.std(mean[1:])), between), "Hz"),

@@ -14,7 +14,18 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Shift, Smooth
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.memories import SIDES, Followed, Plays, Preisach, Relays, Undecided, one_after_the_other, plane
+from rlgcomp.diagnosis.memories import (
+    SIDES,
+    Curves,
+    Fading,
+    Followed,
+    Plays,
+    Preisach,
+    Relays,
+    Undecided,
+    one_after_the_other,
+    plane,
+)
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.terms import Family, Form
 
@@ -97,7 +108,13 @@ def hysteresis(setting: Setting) -> list[Family]:
     kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
     single = [(relay,) for relay in _single_relays(setting)]
     families = hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS)
-    return [*families, Family("b = sum of relays, each with a step of its own", single, kin), _followed(driver, kin)]
+    names = tuple(run.name for run in setting.data.runs)
+    return [
+        *families,
+        Family("b = sum of relays, each with a step of its own", single, kin),
+        _followed(driver, kin),
+        _of_curves(driver, kin, names),
+    ]
 
 
 def _followed(driver: Driver, kin: tuple[Basis, ...]) -> Family:
@@ -105,6 +122,12 @@ def _followed(driver: Driver, kin: tuple[Basis, ...]) -> Family:
     equation = "b = k z, dz/|dT| = (tanh((T - curve_centre) / curve) - z) / radius"
     shapes = itertools.product(priors.CURVE_RADII, priors.CURVE_CENTRES, priors.CURVE_WIDTHS)
     return Family(equation, [(Followed(driver, *one),) for one in shapes], kin)
+
+
+def _of_curves(driver: Driver, kin: tuple[Basis, ...], names: tuple[str, ...]) -> Family:
+    """The same about curves of any form, which differ with the direction; each run after a history of its own, which fades."""
+    leads: list[tuple[Basis, ...]] = [(Curves(driver, r), EachRun(Fading(driver, r), names)) for r in priors.CURVE_RADII]
+    return Family("b = z, dz/|dT| = (curve of heating or of cooling(T) - z) / radius", leads, kin)
 
 
 def _begins(setting: Setting) -> tuple[tuple[str, float], ...]:

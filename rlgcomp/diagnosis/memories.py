@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, kernel, kernel_root
+from rlgcomp.diagnosis.bases import Basis, gaussian_process, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.numerics.hysteresis import ColemanHodgdon, play_paths
+from rlgcomp.diagnosis.drivers import BEYOND, Driver
+from rlgcomp.numerics.hysteresis import ColemanHodgdon, duhem_paths, play_paths
 from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
 
 Array = npt.NDArray[np.float64]
@@ -196,6 +196,47 @@ class Followed(Basis):
 
     def per_unit(self) -> float:
         return 1.0 / self.driver.half
+
+
+@dataclasses.dataclass(frozen=True)
+class Curves(Basis):
+    """Duhem's loops about two smooth curves, one as the driver rises and one as it falls (:func:`duhem_paths`): their mean, and
+    half their difference."""
+
+    driver: Driver
+    radius: float
+    width: float = 0.6
+    knots: int = 8
+
+    def columns(self, run: Run) -> Array:
+        values = self.driver.values(run)
+        curves = gaussian_process(np.clip(_middles(values), -BEYOND, BEYOND), self.width, self.knots)
+        mean = duhem_paths(values, self.radius, curves, curves)
+        return np.hstack([mean, duhem_paths(values, self.radius, curves, -curves)])
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, radius=self.radius * factor) for factor in (_CURVES**step, _CURVES**-step))
+
+    def parameters(self) -> dict[str, float]:
+        return {"radius": self.driver.half * self.radius}
+
+
+@dataclasses.dataclass(frozen=True)
+class Fading(Basis):
+    """What is left of the history before a run, of such loops: it fades along the way of the driver."""
+
+    driver: Driver
+    radius: float
+
+    def columns(self, run: Run) -> Array:
+        way = np.abs(np.diff(self.driver.values(run), prepend=self.driver.values(run)[:1]))
+        return np.exp(-np.cumsum(way) / self.radius)[:, None]
+
+
+def _middles(values: Array) -> Array:
+    """Of the steps that lead to each value, the first itself."""
+    before = np.r_[values[:1], values[:-1]]
+    return np.asarray(0.5 * (before + values))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,16 +12,19 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.mismatch import screened
 from rlgcomp.diagnosis.screen import Layout
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.states import Key, State
-from rlgcomp.diagnosis.terms import Region
+from rlgcomp.diagnosis.terms import WANDER, Region
+from rlgcomp.diagnosis.waves import as_wander, wanders_about
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 
 Array = npt.NDArray[np.float64]
 _PROVED: Final = 3  # sets that are tried with a two-state process beside them
 _PATHS: Final = 2  # of two-state processes, beside each of which the search runs again
+_LIKELY: Final = 20.0  # nats behind the likeliest set, up to which the width of lines is measured
 _SAME_PATH: Final = 0.02  # on average, is no difference
 _INSTEAD: Final = 40.0  # nats behind a set with a wander, up to which a two-state path may stand in its place once its set is known
 
@@ -66,7 +69,7 @@ class Posterior:
         best = max(search.visited.values(), key=lambda state: state.log_posterior)
         if best.telegraph is not None and not best.telegraph.two_valued:
             _search_again(search, best.telegraph.path, forget=layout is None)
-        ordered = sorted(search.visited.values(), key=lambda state: state.log_posterior, reverse=True)
+        ordered = _without_wide_lines(search)
         found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
         return found if layout is not None else dataclasses.replace(found, sharpened=search.sharpened(found.best))
 
@@ -183,6 +186,33 @@ def _search_again(search: Search, path: Array, *, forget: bool) -> list[State]:
         possible = tuple(member for member in state.members if bank.scaled(member.form) is not None)
         found += search.with_telegraph([dataclasses.replace(state, members=possible)])
     return found
+
+
+def _without_wide_lines(search: Search) -> list[State]:
+    """All states, the likeliest first; lines whose spectrum turned out to be wide are something unrecorded that wanders."""
+    top = max(state.log_posterior for state in search.visited.values())
+    found: dict[Key, State] = {}
+    for state in search.visited.values():
+        likely = WANDER in search.regions and state.log_posterior > top - _LIKELY
+        one = _with_wide_lines_as_wanders(search, state) if likely else state
+        if one.key not in found or one.log_posterior > found[one.key].log_posterior:
+            found[one.key] = one
+    return sorted(found.values(), key=lambda state: state.log_posterior, reverse=True)
+
+
+def _with_wide_lines_as_wanders(search: Search, state: State) -> State:
+    if not any(wanders_about(member.form) for member in state.members):
+        return state
+    bank, evidence = search.bank, search.evidence(state.noise)
+    left = evidence.whitened.adjoint(evidence.given(state.members).residual()[:, None])[:, 0]
+    members, log_point = [], state.log_point
+    for member in state.members:
+        wander = as_wander(member.form, bank.columns(member.form.lead[0]).T @ left, bank.data)
+        if wander is not None:
+            bank.prepare([wander])
+            log_point += search.regions[WANDER].log_odds - search.regions[member.form.region].log_odds
+        members.append(member if wander is None else Member(wander, member.size))
+    return dataclasses.replace(state, members=tuple(members), log_point=log_point)
 
 
 def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[float, float]:

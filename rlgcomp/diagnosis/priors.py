@@ -86,8 +86,8 @@ CURVE_RADII: Final = (0.06, 0.14, 0.3, 0.7)
 CURVE_CENTRES: Final = (-0.6, -0.3, 0.0, 0.3, 0.6)
 CURVE_WIDTHS: Final = (0.15, 0.35, 0.8)
 """Of a curve that a hysteresis follows along the way of its driver, over half the range: polished afterwards."""
-PREISACH_LEVELS: Final = 44
-"""Levels of the Preisach plane, so 946 relays, each elsewhere in its cell: at strength 30 their steps are lost in the noise."""
+PREISACH_LEVELS: Final = 80
+"""Levels of the Preisach plane, so 3160 relays, each elsewhere in its cell: at strength 30 their steps are lost in the noise."""
 LAW_LEVELS: Final = 22
 """The same for loops of monitors."""
 RELAY_LEVELS: Final = 13

@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.baseline import CONSTANT, amplitude_of_run
-from rlgcomp.diagnosis.bases import Basis, Glitch, Own, Product, Shift
+from rlgcomp.diagnosis.bases import Basis, Glitch, Own, Product, Shift, gaussian_process
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.drivers import BEYOND, Driver, Path
 from rlgcomp.diagnosis.errors import columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.lateness import Late
-from rlgcomp.diagnosis.memories import Followed, Plays, Preisach, Relays, dense, sides
+from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays, dense, sides
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Following, Since, SmoothSince, Wave
@@ -38,6 +38,7 @@ _SAME: Final = 0.05  # of the white noise of a window mean, or of a term that no
 _PRECISE: Final = 0.003  # of the same: error of a table between its knots
 _KNOTS: Final = 27
 _MOST_KNOTS: Final = 600
+_KNOTS_OF_CURVES: Final = 161
 _LONGER: Final = 3.0  # run lengths over which a law of time is tabulated
 _FAR: Final = 1.0  # range beyond a table's end over which its slope is taken
 _TAIL: Final = 10.0  # widths of a step beyond which it is level
@@ -288,8 +289,8 @@ class _Written:
                 each = np.full(len(radii), float(weights[0]) / basis.driver.half / len(radii))
                 of = _driver(basis.driver) | {"memory": "plays", "start": basis.start}
                 return [law(**of, knots=tuple(radii.tolist()), weights=tuple(each.tolist()))], True
-            case Relays() | Preisach():
-                return _of_relays(law, basis, weights), True
+            case Relays() | Preisach() | Curves():
+                return _of_loops(law, basis, weights), True
             case Product():
                 one, other = basis.one.driver, basis.other.driver
                 product = float(weights[0]) / (one.half * other.half)
@@ -428,6 +429,25 @@ def tabulated(function: Any, knots: Array, precision: float) -> Array:
             break
         knots = np.unique(np.r_[knots, middles[off]])
     return knots
+
+
+def _of_loops(law: Any, basis: Relays | Preisach | Curves, weights: Array) -> list[TabulatedLaw]:
+    return [_of_curves(law, basis, weights)] if isinstance(basis, Curves) else _of_relays(law, basis, weights)
+
+
+def _of_curves(law: Any, basis: Curves, weights: Array) -> TabulatedLaw:
+    """Loops about two curves, each as a table over somewhat more than the range of the driver, straight between its knots."""
+    driver, at = basis.driver, np.linspace(-BEYOND, BEYOND, _KNOTS_OF_CURVES)
+    columns = gaussian_process(at, basis.width, basis.knots)
+    mean, half = columns @ weights[: basis.knots], columns @ weights[basis.knots :]
+    return law(
+        **_driver(driver),
+        memory="curves",
+        knots=tuple((driver.centre + driver.half * at).tolist()),
+        knots_2=(basis.radius * driver.half,),
+        weights=tuple((mean + half).tolist()),
+        weights_2=tuple((mean - half).tolist()),
+    )
 
 
 def _of_relays(law: Any, basis: Relays | Preisach, weights: Array) -> list[TabulatedLaw]:

@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.drivers import Path
 from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
+_PER_KNOT: Final = 16  # points of time, at which a wave's envelope is evaluated
 _EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
 
 
@@ -121,6 +122,39 @@ class Modulated(Basis):
 
     def parameters(self) -> dict[str, float]:
         return self.wave.parameters()
+
+    def envelope(self, weights: Array) -> npt.NDArray[np.complex128]:
+        """Its complex amplitude at even places of a run, of weights of shape (..., 2 knots)."""
+        cosine, sine = np.moveaxis(weights.reshape(*weights.shape[:-1], 2, self.knots), -2, 0)
+        time = np.linspace(-1.0, 1.0, _PER_KNOT * self.knots)
+        return np.asarray((cosine - 1j * sine) @ gaussian_process(time, self.width, self.knots).T)
+
+    def moments(self, weights: Array, seconds: float) -> Array:
+        """Of its power in a run: integral, mean and mean square of the frequency less the wave's own, by Parseval's theorem.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (..., 2 knots)
+        seconds : float
+            Length of the run.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            The latter two times the integral, in hertz and its square.
+        """
+        envelope = self.envelope(weights)
+        step = seconds / (envelope.shape[-1] - 1.0)
+        slope = np.gradient(envelope, step, axis=-1) / (2.0 * math.pi)
+        powers = np.abs(envelope) ** 2, np.imag(np.conj(envelope) * slope), np.abs(slope) ** 2
+        return np.stack([step * power.sum(axis=-1) for power in powers], axis=-1)
+
+
+def mean_and_width(moments: Array) -> tuple[Array, Array]:
+    """Of moments of runs, shape (..., runs, 3): mean frequency less the wave's own and standard deviation of the spectrum."""
+    power, first, second = np.moveaxis(moments.sum(axis=-2), -1, 0)
+    mean = first / power
+    return mean, np.sqrt(np.maximum(second / power - mean**2, 0.0))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.terms import WANDER, Form
-from rlgcomp.diagnosis.times import Following, Modulated, Wave, Wide
+from rlgcomp.diagnosis.times import Following, Modulated, Wave, Wide, mean_and_width
 
 _CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
 _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
@@ -30,6 +30,9 @@ _MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency w
 _MOST_KNOTS: Final = 24  # of a harmonic
 _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
 _QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
+_FORGETFUL: Final = 0.1  # standard deviation of its spectrum over its frequency: its phase is forgotten within two cycles
+_UNSTEADY: Final = 1.4  # mean square of its power over the square of the mean: one of a steady amplitude, two of Gaussian noise
+_WANDER: Final = "b = smooth function of the time in each run"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -144,13 +147,46 @@ def harmonics(setting: Setting) -> Callable[[Form], Iterator[Form]]:
     return grow
 
 
+def wanders_about(form: Form) -> Modulated | None:
+    """The wave of a line whose frequency wanders; None of any other form."""
+    first = form.lead[0]
+    basis = first.basis if isinstance(first, EachRun) else None
+    return basis if isinstance(basis, Modulated) and not isinstance(basis, Wide) else None
+
+
+def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | None:
+    """A line that is none, as what wanders unrecorded: its phase is soon forgotten, and its amplitude is not steady; else None.
+
+    A source of a period has an amplitude, were its phase to stray; of what is random both come and go together.
+
+    Parameters
+    ----------
+    form : Form
+    weights : ndarray, shape (m,)
+        Of its first leading basis, or in proportion to them.
+    data : Data
+    """
+    wave, first = wanders_about(form), form.lead[0]
+    if wave is None or not isinstance(first, EachRun):
+        return None
+    seconds = {run.name: float(run.elapsed_s[-1]) for run in data.runs}
+    of_runs = weights.reshape(len(first.runs), -1)
+    moments = [wave.moments(own, seconds[name]) for own, name in zip(of_runs, first.runs, strict=True) if name in seconds]
+    mean, width = mean_and_width(np.array(moments))
+    power = np.abs(wave.envelope(of_runs)) ** 2
+    if width < _FORGETFUL * (wave.wave.frequency_hz + mean) or np.mean(power**2) < _UNSTEADY * np.mean(power) ** 2:
+        return None
+    wide = EachRun(Wide(wave.wave, wave.knots), first.runs)
+    return dataclasses.replace(form, region=WANDER, equation=_WANDER, lead=(wide, *form.lead[1:]))
+
+
 def wanders(setting: Setting) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
     """Proposals of what turns some times in a run and is no line, for its spectrum is wide: something unrecorded that wanders."""
     waves = _Waves(setting.data)
 
     def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
         return tuple(
-            Form(WANDER, "b = smooth function of the time in each run", (waves.modulated(place, knots),), (), (), waves.log_share)
+            Form(WANDER, _WANDER, (waves.modulated(place, knots),), (), (), waves.log_share)
             for place in waves.peaks(residual, True)
             for knots in _MODULATIONS
             if not _is_line(place, knots)

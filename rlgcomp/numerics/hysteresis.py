@@ -227,6 +227,42 @@ class BoucWen:
         return output, np.array([z, before])
 
 
+def duhem_paths(u: Array, radius: float, rising: Array, falling: Array) -> Array:
+    r"""Duhem's hysteresis about curves of which one holds as the input rises and one as it falls.
+
+    .. math:: \frac{dz}{|du|} = \frac{f_\pm(u) - z}{r}
+
+    At rest z is on the mean of both. It is linear in the curves; Coleman and Hodgdon's law has one for both ways, and that of Bouc
+    and Wen with n = 1 and γ = 0 has two constants.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n,)
+        Inputs.
+    radius : float
+        r, in the input's unit.
+    rising, falling : ndarray, shape (n, k)
+        Curves at the middle of each step, of the first one at the first input.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+
+    References
+    ----------
+    A. Visintin, Differential Models of Hysteresis, Springer, 1994, chapter V.
+    """
+    way = np.diff(u, prepend=u[:1])
+    keep = np.exp(-np.abs(way) / radius)
+    toward = (1.0 - keep)[:, None] * np.where(way[:, None] > 0.0, rising, falling)
+    output = np.empty_like(toward)
+    for k, first in enumerate(0.5 * (rising[0] + falling[0])):
+        column = np.empty(len(u))
+        relaxed(float(first), keep, np.ascontiguousarray(toward[:, k]), column)
+        output[:, k] = column
+    return output
+
+
 @dataclasses.dataclass(frozen=True)
 class ColemanHodgdon:
     r"""Duhem's hysteresis in Coleman and Hodgdon's form: it goes to a curve as the input goes, whichever way.

@@ -11,7 +11,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
-from rlgcomp.numerics.hysteresis import play_paths
+from rlgcomp.numerics.hysteresis import duhem_paths, play_paths
 from rlgcomp.numerics.readings import bin_of_each, readings_of
 from rlgcomp.numerics.relays import STARTS, relay_states, states_before
 from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
@@ -20,9 +20,10 @@ from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
 COMBINATIONS: Final = ("column", "difference", "contrast")
-MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "product", "time", "wave", "growing wave")
+MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "curves", "product", "time", "wave", "growing wave")
 CHANGES: Final = ("none", "derivative", "glitch")
 FUNCTIONS: Final = ("none", "rate", "lag")  # memories whose table is a function of one number
+_TABLES: Final = (*FUNCTIONS, "time", "curves")
 _DRIVERLESS: Final = ("time", "wave", "growing wave")
 _ALWAYS: Final = ("memory", "knots", "weights")
 _AS_IT_IS: Final = 1.5  # periods of a recording up to which its rows are not averaged
@@ -45,6 +46,7 @@ class TabulatedLaw(Mechanism):
     lags           :math:`\sum_j w_j\,(\mathrm{lag}(u, k_j) - u)`, time constants as knots
     plays          :math:`\sum_j w_j\,(\mathrm{play}(u, k_j) - u)`, radii as knots
     relays         :math:`\sum_j w_j\,z_j`, relays on above `knots` until below `knots_2`
+    curves         z with dz/|du| = (f(u) - z) / r, r in `knots_2`: f from `weights` as u rises, from `weights_2` as it falls
     product        :math:`w\,(u_1 - k_1)(u_2 - k_2)`
     time           a table over the time since the run's start in s, constant beyond it
     wave           :math:`\sum_j w_j \cos 2\pi k_j t + w'_j \sin 2\pi k_j t`; a growing one times 2 t / (length of the run) - 1
@@ -88,12 +90,17 @@ class TabulatedLaw(Mechanism):
             raise InputError(f"tabulated_law: driver is '' beside memory {self.memory!r}; give the name of a recorded column")
         if (self.combination != "column" or self.memory == "product") != bool(self.driver_2):
             raise InputError("tabulated_law: driver_2 goes with a difference, a contrast or a product, and with nothing else")
-        needed = {"relays": len(self.knots_2), "wave": len(self.weights_2), "growing wave": len(self.weights_2)}
+        second = len(self.weights_2)
+        needed = {"relays": len(self.knots_2), "wave": second, "growing wave": second, "curves": second}
         tables = {len(self.knots), needed.get(self.memory, len(self.knots))}
         tables |= set() if self.memory == "product" else {len(self.weights)}
         if len(tables) > 1 or not self.knots or (self.memory == "product" and (len(self.knots), len(self.weights)) != (2, 1)):
             raise InputError(f"tabulated_law: knots and weights of {self.memory!r} differ in number; give a weight a knot")
-        if self.memory in (*FUNCTIONS, "time") and not all(a < b for a, b in zip(self.knots, self.knots[1:], strict=False)):
+        if self.memory == "curves" and not (len(self.knots_2) == 1 and self.knots_2[0] > 0.0):
+            raise InputError(f"tabulated_law: knots_2 is {self.knots_2} beside memory 'curves'; give the one radius, above zero")
+        if self.memory in (*FUNCTIONS, "time", "curves") and not all(
+            a < b for a, b in zip(self.knots, self.knots[1:], strict=False)
+        ):
             raise InputError("tabulated_law: knots of a table must increase")
 
     @classmethod
@@ -143,6 +150,10 @@ class TabulatedLaw(Mechanism):
             case "relays":
                 down = np.array(self.knots_2)
                 return relay_states(u, knots, down, states_before(u[0], knots, down, self.start)), weights
+            case "curves":
+                middles = 0.5 * (u + np.r_[u[:1], u[:-1]])
+                rising, falling = (np.interp(middles, knots, curve)[:, None] for curve in (weights, np.array(self.weights_2)))
+                return duhem_paths(u, self.knots_2[0], rising, falling), np.ones(1)
         return self._interpolated(self._remembered(u, t))[:, None], np.ones(1)
 
     def _remembered(self, u: Array, t: Array) -> Array:
@@ -197,6 +208,7 @@ class TabulatedLaw(Mechanism):
             "lags": f"{len(self.knots)} lags of {u}",
             "plays": f"{len(self.knots)} plays of {u}",
             "relays": f"{len(self.knots)} relays of {u}",
+            "curves": f"loops of {u} about curves of {len(self.knots)} knots",
             "product": f"{self.driver} * {self.driver_2}",
             "time": "time since the run's start",
         }.get(self.memory, f"{len(self.knots)} waves of the time since the run's start")

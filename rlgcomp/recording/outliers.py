@@ -47,7 +47,8 @@ _FAR_SD: Final = 30.0  # at 1 Hz one such sample shifts the mean of 100 s by thr
 _BURST_SD: Final = 4.0  # by which all samples of a burst deviate to the same side,
 _BURST_SAMPLES: Final = 3  # so many at least,
 _BURST_EDGE: Final = 0.5  # its first and last step having so much of its mean deviation: noise has no such edges
-_LONGEST_S: Final = 60.0  # of a burst
+_LONGEST_S: Final = 60.0  # of a burst,
+_LONGEST_SHARE: Final = 0.02  # and of the run: what lasts longer may be the gyro's answer to a monitor
 _LEAST_REACH: Final = 5  # samples on either side, where they are far apart
 _GREATEST_SHARE: Final = 0.05  # of the samples: what deviates more often belongs to the gyro
 # gyros on a table
@@ -177,7 +178,8 @@ def _outliers_at_rest(run: Recording, gyro: str | None) -> Outliers | None:
     sample_sd_deg_h = SD_OF_MAD / math.sqrt(2.0) * float(np.median(np.abs(np.diff(rate_deg_h)))) or _counting_sd_deg_h(run, gyro)
     if not sample_sd_deg_h > 0.0:
         return None
-    steps, reach = np.abs(np.diff(rate_deg_h)) / sample_sd_deg_h, max(_LEAST_REACH, math.ceil(_LONGEST_S / run.period_s))
+    longest_s = min(_LONGEST_S, _LONGEST_SHARE * run.duration_s)
+    steps, reach = np.abs(np.diff(rate_deg_h)) / sample_sd_deg_h, max(_LEAST_REACH, math.ceil(longest_s / run.period_s))
     if not ((steps > _FAR_SD).any() or _bursts(_off_block_medians(rate_deg_h, reach) / sample_sd_deg_h).any()):
         return None
     median_deg_h = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
@@ -188,7 +190,7 @@ def _outliers_at_rest(run: Recording, gyro: str | None) -> Outliers | None:
     for start, stop in segments(_bursts(deviation)):
         edges = np.r_[math.inf, steps, math.inf][[start, stop]]
         height, lasts_s = abs(float(deviation[start:stop].mean())), (stop - start) * run.period_s
-        rows[start:stop] |= edges.min() > _BURST_EDGE * height and height * (stop - start) > _FAR_SD and lasts_s <= _LONGEST_S
+        rows[start:stop] |= edges.min() > _BURST_EDGE * height and height * (stop - start) > _FAR_SD and lasts_s <= longest_s
     if not 0 < rows.sum() <= _GREATEST_SHARE * len(rows):
         return None
     return Outliers(run.gyro_column(gyro), rows, float(run.time_s[rows][0]), float(np.max(np.abs(deviation[rows]))))
