@@ -473,7 +473,7 @@ class TestScore:
         owned, small, *others = rules.effects(rows, page.right)
         assert list(owned.values())[1:] == ["2 of 3", 1, 1]
         assert list(small.values())[1:] == ["1 of 3", 1, 0]
-        assert [list(other.values())[1:] for other in others] == [["0 of 3", 0, 0]] * 2
+        assert [list(other.values())[1:] for other in others] == [["0 of 3", 0, 0]] * 3
 
     def test_errors_are_about_each_runs_mean_where_runs_have_biases(self, case: Case) -> None:
         shifted = [truth + 3.0 for truth in case.truth_held_out]

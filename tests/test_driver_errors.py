@@ -354,3 +354,23 @@ def test_the_simulator_before_is_calibrated_by_least_squares_where_the_gyro_is_w
     output = np.concatenate([run.column("gyro_deg_h") for run in averaged])
     left = output - table @ np.linalg.lstsq(table, output, rcond=None)[0]
     assert found.train.baseline_rms == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.02)
+
+
+def test_a_static_member_is_a_part_of_a_larger_static_law_of_its_column_and_another() -> None:
+    """A saturating function of each, multiplied, has a part of one alone; what is larger than the law stands beside it."""
+    law = "product:supply_voltage_V:pressure_hPa"
+    regions = {
+        law: Region(law, None, 0.0, (), ("supply_voltage_V", "pressure_hPa"), "static"),
+        "supply_voltage": Region("supply_voltage", "supply_voltage", 0.0, (), ("supply_voltage_V",), "static"),
+        "magnetic_field": Region("magnetic_field", "magnetic_field", 0.0, (), ("magnetic_field_uT",), "static"),
+        "lag": Region("lag", None, 0.0, (), ("pressure_hPa",), "dynamic"),
+    }
+
+    def named(**sizes: float) -> set[str]:
+        all_sizes = {law: 6.0, **sizes}
+        members = tuple(Member(Form(key, key, (), (Smooth(Path(Driver((key,)))),)), size) for key, size in all_sizes.items())
+        return {one.region for one in decided(Posterior((State(members, Noise(), 0.0),), regions)).named}
+
+    assert named(supply_voltage=5.0) == {law}
+    assert named(supply_voltage=15.0) == {law, "supply_voltage"}
+    assert named(magnetic_field=5.0, lag=5.0) == {law, "magnetic_field", "lag"}

@@ -12,10 +12,11 @@ from rlgcomp.diagnosis.posterior import Posterior
 
 Row = Mapping[str, Any]
 OWNED: Final = "a law of the columns and memory of a named mechanism is its form"
+OF_BOTH: Final = "a static member no larger than a static law of its columns and another is a part of that"
 SMALL: Final = "a member below the discrepancy of a named one is its form"
 WANDER: Final = "a wander below the discrepancy of the largest member is not stated"
 WORSE: Final = "a set that leaves more of the training runs than none is not named"
-RULES: Final = (OWNED, SMALL, WANDER, WORSE)
+RULES: Final = (OWNED, SMALL, OF_BOTH, WANDER, WORSE)
 
 
 def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
@@ -32,6 +33,7 @@ def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
     stated = _content(diagnosis.decision)
     decisions = {
         OWNED: _decided_without(posterior, "_owned"),
+        OF_BOTH: _decided_without(posterior, "_of_a_law_of_both"),
         SMALL: _decided_without(posterior, "_discrepancy"),
         WANDER: _with_wander(diagnosis.decision, posterior),
     }

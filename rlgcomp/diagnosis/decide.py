@@ -96,7 +96,11 @@ def decided(posterior: Posterior) -> Decision:
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
-        if _owned(region, [posterior.regions[other] for other in regions]) or _discrepancy(region, best, posterior.regions):
+        if (
+            _owned(region, [posterior.regions[other] for other in regions])
+            or _of_a_law_of_both(region, best, posterior.regions)
+            or _discrepancy(region, best, posterior.regions)
+        ):
             unstated.append(key)
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
@@ -119,6 +123,16 @@ def _owned(law: Region, regions: Sequence[Region]) -> bool:
     """Whether a law lies within the region of a named mechanism of the set, columns and memory: a richer form of that."""
     owners = (set(region.drivers) for region in regions if region.mechanism is not None and region.memory == law.memory)
     return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)
+
+
+def _of_a_law_of_both(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
+    """Whether a static member is no larger than a static law of its columns and another one: a part of that function.
+
+    A saturating function times another has a part of one column alone, which no product of two straight lines has.
+    """
+    size = {member.form.region: member.size for member in state.members}
+    laws = [one for one in (regions[key] for key in size) if one.mechanism is None and one.memory == region.memory == "static"]
+    return any(set(region.drivers) < set(law.drivers) and size[region.key] <= size[law.key] for law in laws)
 
 
 def _discrepancy(region: Region, state: State, regions: Mapping[str, Region]) -> bool:

@@ -234,7 +234,7 @@ def _approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> st
 def _unstated(regions: Sequence[str], named: Sequence[str]) -> str:
     return (
         f"The set, its predictions and augmented.yaml hold {_words(regions)} as well: no larger than what the form of "
-        f"{_words(named, 'or')} may be wrong by, and therefore no finding."
+        f"{_words(named, 'or')} may be wrong by, or than a law of its columns and another, and therefore no finding."
     )
 
 
