@@ -65,3 +65,17 @@ def test_a_noisy_rate_gives_its_place_to_the_encoder() -> None:
     assert told.data["means"] == "angle"
     assert told.data["instead"] == "table_angle_deg"
     assert abs(told.data["late_samples"]) < 0.05
+
+
+def test_an_encoder_alone_tells_the_rate() -> None:
+    """The same physics is found as with the rate beside it, and what was done is said."""
+    run = healthy()
+    assert "table_rate_deg_s" not in run
+    found = rlg.diagnose(SIMULATOR, [run], black_box=False)
+    assert found.verdict == "none"
+    assert found.after.numbers["scale_factor"]["k_ppm"].value == pytest.approx(200.0, abs=0.5)
+    (remark,) = (one for one in found.remarks if one.code == "diagnosis.rate_of_encoder")
+    assert remark.data["column"] == "table_angle_deg"
+    blind = run.replace(table=run.table.drop(columns="table_angle_deg"))
+    with pytest.raises(rlg.InputError, match="--map table_rate_deg_s"):
+        rlg.diagnose(SIMULATOR, [blind], black_box=False)

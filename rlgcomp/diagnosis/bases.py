@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.hashed import Hashed
 Array = npt.NDArray[np.float64]
 _JITTER: Final = 1e-6
 _WIDTH_RATIO: Final = 1.6  # of correlation lengths, from one point of a grid to the next
+_TIME_RATIO: Final = 1.5  # of time constants, from one point of a grid to the next
 _RESOLVED: Final = 1.3  # knots of a Gaussian process in a correlation length, at least
 _SHAPE_RATIO: Final = 1.5  # of a mechanism's own shape, from one point of the grid to the next
 
@@ -122,7 +123,14 @@ class Smooth(Basis):
     def nearby(self, step: float) -> tuple[Self, ...]:
         least = _RESOLVED * 2.0 / (self.knots - 1)
         widths = (min(max(self.width * factor, least), priors.SMOOTHEST) for factor in (_WIDTH_RATIO**step, _WIDTH_RATIO**-step))
-        return tuple(dataclasses.replace(self, width=width) for width in widths if width != self.width)
+        found = tuple(dataclasses.replace(self, width=width) for width in widths if width != self.width)
+        if self.path.memory != "lag":
+            return found
+        times = (self.path.time_s * factor for factor in (_TIME_RATIO**step, _TIME_RATIO**-step))
+        return *found, *(dataclasses.replace(self, path=dataclasses.replace(self.path, time_s=time_s)) for time_s in times)
+
+    def parameters(self) -> dict[str, float]:
+        return {"time_constant_s": self.path.time_s} if self.path.memory == "lag" else {}
 
 
 @dataclasses.dataclass(frozen=True)

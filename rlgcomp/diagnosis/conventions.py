@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from rlgcomp.numerics.robust import SD_OF_MAD
 from rlgcomp.recording import Recording
-from rlgcomp.recording.motion import ANGLES, RATE, rate_column, rate_deg_s
+from rlgcomp.recording.motion import ANGLES, RATE, rate_column, rate_deg_s, rows_without_rate
 from rlgcomp.recording.time_stamp_convention import Reading, delay_in_samples, reading_of
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import SECONDS_PER_HOUR
@@ -66,3 +66,24 @@ def _readable(reading: Reading, gyro_deg_h: Array) -> npt.NDArray[np.bool_]:
     noise = SD_OF_MAD * float(np.median(np.abs(left - np.median(left)))) / SECONDS_PER_HOUR
     tolerated = max(_TELLS * noise, _STANDS_OUT * float(np.median(reading.interpolation_error_deg_s[finite])))
     return np.asarray(reading.interpolation_error_deg_s <= tolerated)
+
+
+def with_rates(runs: Sequence[Recording]) -> tuple[list[Recording], list[Message]]:
+    """Turntable runs that have an encoder and no rate with the mean rate over each sample, and a message on each.
+
+    Raises
+    ------
+    InputError
+        A run has neither.
+    """
+    found, messages = [], []
+    for run in runs:
+        column = rate_column(run)
+        if column == RATE:
+            found.append(run)
+            continue
+        told = ~rows_without_rate(run)
+        table = run.table.assign(**{RATE: rate_deg_s(run)})[told].reset_index(drop=True)
+        found.append(run.replace(table=table, truth=None))
+        messages.append(message("diagnosis.rate_of_encoder", run=run.name, column=column, rows=int(np.sum(~told))))
+    return found, messages

@@ -114,11 +114,11 @@ class Fit:
     @functools.cached_property
     def excess(self) -> tuple[float, float]:
         """White noise that these runs alone show, over what is stated, and the probability of as much; (1, 1) of none stated."""
-        from scipy.stats import f
-
         known = self.data.known
         if not known.windows:
             return 1.0, 1.0
+        from scipy.stats import f
+
         freedom = self._evidence.whitened.freedom - known.windows
         ratio = (self.white**2 * (freedom + known.windows) - known.square) / (freedom * known.white**2)
         return math.sqrt(ratio), max(float(f.sf(ratio, freedom, known.windows)), LEAST_P_VALUE)

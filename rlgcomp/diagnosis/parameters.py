@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, Own, Power
+from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.memories import Plays
@@ -247,7 +247,7 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
     lead = member.form.lead
     names = [_names(basis, unit, j) for j, basis in enumerate(lead)]
     if not bases or by_run(member.form) or not all(names):
-        return {}, ()
+        return (_of_lag(fit, k, lead[0]) if bases and len(lead) == 1 else {}), ()
     found = _nearest(fit, k, np.hstack([fit.bank.columns(basis) / basis.per_unit() for basis in lead]))
     if not found.holds:
         return {}, tuple(name for of_lead in names for name, _ in of_lead.values())
@@ -264,6 +264,15 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
         for (name, of), value, square in zip((one[""] for one in names), found.values, variance, strict=True)
     }
     return {**amplitudes, **estimates}, ()
+
+
+def _of_lag(fit: Fit, k: int, basis: Basis) -> dict[str, Estimate]:
+    """The time constant of a function of a column's lag."""
+    basis = in_all_runs(basis)
+    if not isinstance(basis, Smooth) or basis.path.memory != "lag":
+        return {}
+    time_s = basis.path.time_s
+    return {"time_constant_s": Estimate(time_s, fit.spread(k, "time_constant_s", time_s), "s")}
 
 
 def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any, Final, Literal, Self
 
-from rlgcomp.diagnosis.conventions import with_mean_rates
+from rlgcomp.diagnosis.conventions import with_mean_rates, with_rates
 from rlgcomp.diagnosis.plausibility import require_plausible, require_whole_rate
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.diagnosis.simulators.user_simulator import PythonSimulator, SimulatedRuns, UserSimulator, scale_message
@@ -88,7 +88,8 @@ class Prepared:
         runs = [run for run, _ in straight]
         if isinstance(simulator, Simulator) and simulator.kind == "turntable":
             runs, found = with_mean_rates(without_quantisation(runs), gyro)
-            messages += found
+            runs, derived = with_rates(runs)
+            messages += [*found, *derived]
         base, runs, predicted = _with_simulation(simulator, simulated, runs, gyro)
         warnings: list[Message] = []
         alignment: tuple[Alignment, ...] = ()

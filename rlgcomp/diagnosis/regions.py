@@ -270,6 +270,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             families = [Family(f"b = f({column})", leads, kin)]
             if driver != own:
                 families.insert(0, Family(f"b = k {column}", [(Power(path),)], kin))
+                families.insert(1, Family(f"b = parabola of {column}", [(Power(path), Power(path, 2))], kin))
             families += symmetric_laws(driver, kin)
             trend = Family(f"b = k {column} + f({column})", [(Power(path), Smooth(path))], kin)
             finer = forms_of(f"law:{column}", [trend, *nonlinear(path, kin, (Shift,))])
@@ -277,7 +278,11 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
-            families = [Family(f"b = k lag({column}, time_constant_s)", late, kin)]
+            bent: list[tuple[Basis, ...]] = [(Smooth(Path(driver, "lag", t)),) for t in times[1::2]]
+            families = [
+                Family(f"b = k lag({column}, time_constant_s)", late, kin),
+                Family(f"b = f(lag({column}, time_constant_s))", bent, kin),
+            ]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
             families = [*hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS), reversible(driver, priors.LAW_LEVELS)]
             yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")

@@ -505,6 +505,10 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.amplitude_by_run": _amplitude_by_run,
     "diagnosis.clock_of_all_runs": _clock_of_all_runs,
     "diagnosis.time_stamp_convention": _time_stamp_convention,
+    "diagnosis.rate_of_encoder": (
+        "{run} has no rate of the table: it is taken as the mean over each sample, from {column}; rows of which that does not tell "
+        "the rate, those at the ends and some at gaps, are left out: {rows}."
+    ),
     "diagnosis.identity": _identity,
     "diagnosis.simulation_scaled": _simulation_scaled,
     "diagnosis.no_clock": _no_clock,

@@ -1,0 +1,62 @@
+"""Laws of one column that bend: after a lag, or as a parabola, with nothing beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.data import Grid
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from rlgcomp.numerics.filters import lag
+from tests.few_monitors import few_monitors
+
+LAG_S = 900.0
+PROGRAMMES = (
+    "start 20, hold 30, ramp -10 1, hold 60, ramp 40 1, hold 60",
+    "start 30, hold 50, ramp 0 1, hold 60, ramp 25 1, hold 60",
+    "start 25, hold 60, ramp 45 1, hold 60, ramp 10 1, hold 30",
+)
+
+
+def diagnosed(column: str, *, lag_s: float, parabola: bool) -> Diagnosis:
+    """Of two runs whose gyro follows a column of its own, tested on a third."""
+    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
+        drawn = gaussian_filter1d(np.random.default_rng(50 + k).standard_normal(len(run)), 60.0)
+        level = drawn / np.std(drawn)
+        late = lag(level, run.time_s - run.time_s[0], lag_s) if lag_s else level
+        answer = 0.03 * (0.3 * late**2 if parabola else np.tanh(1.5 * late))
+        table = run.table.assign(**{column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer})
+        runs.append(few_monitors(run.replace(table=table, truth=None)))
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
+    return diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+
+
+def test_a_column_that_acts_late_and_saturates_is_one_law() -> None:
+    """A lag alone left a slow error, or a line, of what saturates."""
+    found = diagnosed("humidity_percent", lag_s=LAG_S, parabola=False)
+    content = found.to_mapping()["unexplained"]
+    assert found.verdict == "unknown"
+    assert (content["drivers"], content["memory"]) == (["humidity_percent"], "dynamic")
+    assert not found.causes or all(cause.mechanism is None for cause in found.causes)
+    assert not found.decision.wander
+    (law,) = content["laws"]
+    time_s = law["parameters"]["time_constant_s"]
+    assert abs(time_s["value"] - LAG_S) < 4.0 * time_s["sd"] < 0.5 * LAG_S
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
+
+
+def test_a_parabola_of_a_column_is_a_law_of_that_column_alone() -> None:
+    """A product of two columns has a square of each among its departures, and stood in for it."""
+    found = diagnosed("vibration_g", lag_s=0.0, parabola=True)
+    content = found.to_mapping()["unexplained"]
+    assert (content["drivers"], content["memory"]) == (["vibration_g"], "static")
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
