@@ -30,7 +30,7 @@ GROUPS: Final = {
     "test": "test: decide nothing, prove",
 }
 SCORE_COLUMNS: Final = ("runs", "before", "after", "LS-SVM", "noise", "improvement", "95 % interval")
-MEMBER_COLUMNS: Final = ("what", "probability", "rms", "follows", "parameters", "perhaps instead")
+MEMBER_COLUMNS: Final = ("what", "probability", "rms of the term", "follows", "parameters", "perhaps instead")
 PLACE_COLUMNS: Final = ("place", "share")
 _SHOWN: Final = 6
 
@@ -55,12 +55,19 @@ def as_text(record: Record) -> str:
         parts.append(_table(f"{title}: by run, from its start", PLACE_COLUMNS, by_run[:_SHOWN]))
         if by_regime:
             parts.append(_table("The same mismatch divided again, by what the driver does in all runs", PLACE_COLUMNS, by_regime))
-    title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {typeset(record.unit)}"
-    parts.append(_table(title, SCORE_COLUMNS, score_rows(record)))
+    parts.append(_table(_score_title(record), SCORE_COLUMNS, score_rows(record)))
     messages = remarks(record)
     if messages:
         parts.append("\n".join(f"- {one}" for one in messages))
     return "\n\n".join(parts)
+
+
+def _score_title(record: Record) -> str:
+    title = f"Rms of {time_text(record.train.averaging_s)} means of recording less simulation, {typeset(record.unit)}"
+    if record.verdict != "none" or not record.after.state.members:
+        return title
+    beside = listing(list(dict.fromkeys(region_words(member.form.region) for member in record.after.state.members)))
+    return f"{title}; after includes {beside}, which is no missing physics"
 
 
 def scores_of(record: Record) -> dict[str, Score]:
@@ -95,7 +102,7 @@ def member_rows(record: Record) -> list[list[str]]:
         [
             one.name if one.named else f"a law ({MEMORIES[one.memory]})",
             probability_text(one.probability),
-            f"{one.rms:.3g} {record.unit}",
+            f"{one.rms:.3g} {typeset(record.unit)}",
             followed(one),
             "; ".join(
                 [
