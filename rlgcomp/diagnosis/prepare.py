@@ -88,8 +88,7 @@ class Prepared:
         runs = [run for run, _ in straight]
         if isinstance(simulator, Simulator) and simulator.kind == "turntable":
             runs, found = with_mean_rates(without_quantisation(runs), gyro)
-            runs, derived = with_rates(runs)
-            messages += [*found, *derived]
+            messages += found
         base, runs, predicted = _with_simulation(simulator, simulated, runs, gyro)
         warnings: list[Message] = []
         alignment: tuple[Alignment, ...] = ()
@@ -105,6 +104,9 @@ class Prepared:
                 require_whole_rate(run, run.rate_deg_h(gyro) - run.column(SIMULATED), gyro)
             scaled = scale_message(runs, [run.column(SIMULATED) for run in runs], gyro)
             warnings += [] if scaled is None else [scaled]
+        if isinstance(simulator, Simulator) and simulator.kind == "turntable":
+            runs, found = with_rates(runs)
+            messages += found
         edges = len(train), len(train) + len(confirm)
         first, second, third = (tuple(part) for part in (runs[: edges[0]], runs[edges[0] : edges[1]], runs[edges[1] :]))
         return cls(first, second, third, base, predicted is not None, tuple(messages), tuple(warnings), alignment)
