@@ -27,6 +27,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
+from scipy.optimize import nnls
 
 from rlgcomp.errors import InputError
 from rlgcomp.units import ARCSEC_PER_DEG, DEG_PER_TURN, EARTH_RATE_DEG_H, RAD_PER_ARCSEC, RAD_PER_DEG, SECONDS_PER_HOUR
@@ -208,19 +209,12 @@ def _solve(root_hours: Array, std_deg_h: Array, form: Form, floor: bool, relativ
     if form == "quadrature":
         columns, wanted = [column**2 for column in columns], std_deg_h**2
     design = np.column_stack(columns[: 1 + floor])
-    weight = 1.0 / wanted if relative else np.ones((1, len(root_hours)))
+    weight = 1.0 / wanted if relative else np.ones_like(wanted)
     tables, values = design * weight[:, :, None], wanted * weight
     found = np.zeros((len(wanted), 2))
     found[:, : 1 + floor] = (np.linalg.pinv(tables) @ values[:, :, None])[:, :, 0]
-    return np.sqrt(_not_negative(tables, values, found)) if form == "quadrature" else found
-
-
-def _not_negative(tables: Array, values: Array, found: Array) -> Array:
-    """Least squares of one or two columns without a negative coefficient: where one would be, the better column alone, or none."""
-    columns = tables.shape[2]
-    norms = np.sum(tables**2, axis=1)
-    alone = np.maximum(np.sum(tables * values[:, :, None], axis=1) / norms, 0.0)
-    gains = alone**2 * norms
-    bounded = np.zeros_like(found)
-    bounded[:, :columns] = np.where(gains == gains.max(axis=1, keepdims=True), alone, 0.0)
-    return np.where((found < 0.0).any(axis=1, keepdims=True), bounded, found)
+    if form != "quadrature":
+        return found
+    for row in np.flatnonzero((found < 0.0).any(axis=1)):
+        found[row, : 1 + floor] = nnls(tables[row], values[row])[0]
+    return np.sqrt(found)

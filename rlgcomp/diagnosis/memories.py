@@ -15,7 +15,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, gaussian_process, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import BEYOND, Driver
-from rlgcomp.numerics.hysteresis import ColemanHodgdon, duhem_paths, play_paths
+from rlgcomp.numerics.hysteresis import ColemanHodgdon, duhem_paths, middles_of_steps, play_paths
 from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
 
 Array = npt.NDArray[np.float64]
@@ -210,7 +210,7 @@ class Curves(Basis):
 
     def columns(self, run: Run) -> Array:
         values = self.driver.values(run)
-        curves = gaussian_process(np.clip(_middles(values), -BEYOND, BEYOND), self.width, self.knots)
+        curves = gaussian_process(np.clip(middles_of_steps(values), -BEYOND, BEYOND), self.width, self.knots)
         mean = duhem_paths(values, self.radius, curves, curves)
         return np.hstack([mean, duhem_paths(values, self.radius, curves, -curves)])
 
@@ -231,12 +231,6 @@ class Fading(Basis):
     def columns(self, run: Run) -> Array:
         way = np.abs(np.diff(self.driver.values(run), prepend=self.driver.values(run)[:1]))
         return np.exp(-np.cumsum(way) / self.radius)[:, None]
-
-
-def _middles(values: Array) -> Array:
-    """Of the steps that lead to each value, the first itself."""
-    before = np.r_[values[:1], values[:-1]]
-    return np.asarray(0.5 * (before + values))
 
 
 @dataclasses.dataclass(frozen=True)

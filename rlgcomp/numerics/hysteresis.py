@@ -255,11 +255,23 @@ def duhem_paths(u: Array, radius: float, rising: Array, falling: Array) -> Array
     way = np.diff(u, prepend=u[:1])
     keep = np.exp(-np.abs(way) / radius)
     toward = (1.0 - keep)[:, None] * np.where(way[:, None] > 0.0, rising, falling)
-    output = np.empty_like(toward)
-    for k, first in enumerate(0.5 * (rising[0] + falling[0])):
-        column = np.empty(len(u))
-        relaxed(float(first), keep, np.ascontiguousarray(toward[:, k]), column)
-        output[:, k] = column
+    rested = 0.5 * (rising[0] + falling[0])
+    columns = zip(rested, toward.T, strict=True)
+    return np.column_stack([_relaxed_from(float(z), keep, column, updates=toward.size) for z, column in columns])
+
+
+def middles_of_steps(u: Array) -> Array:
+    """Middles of the steps that lead to each input, shape (n,); the first input itself."""
+    return np.asarray(0.5 * (u + np.r_[u[:1], u[:-1]]))
+
+
+def _relaxed_from(z: float, keep: Array, toward: Array, updates: int) -> Array:
+    """States of a first-order recurrence from one, compiled where that pays for so many updates in all."""
+    output = np.empty(len(keep))
+    if pays(updates):
+        relaxed(z, keep, np.ascontiguousarray(toward), output)
+    else:
+        relaxed.plain(z, keep.tolist(), toward.tolist(), output)
     return output
 
 
@@ -310,9 +322,5 @@ class ColemanHodgdon:
         way = np.append(state[1], u)
         keep = np.exp(-np.abs(np.diff(way)) / self.radius)
         toward = (1.0 - keep) * np.tanh((0.5 * (way[1:] + way[:-1]) - self.centre) / self.width)
-        output = np.empty(len(u))
-        if pays(len(u)):
-            relaxed(float(state[0]), keep, toward, output)
-        else:
-            relaxed.plain(float(state[0]), keep.tolist(), toward.tolist(), output)
+        output = _relaxed_from(float(state[0]), keep, toward, updates=len(u))
         return output, np.array([output[-1], u[-1]])

@@ -11,7 +11,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
-from rlgcomp.numerics.hysteresis import duhem_paths, play_paths
+from rlgcomp.numerics.hysteresis import duhem_paths, middles_of_steps, play_paths
 from rlgcomp.numerics.readings import bin_of_each, readings_of
 from rlgcomp.numerics.relays import STARTS, relay_states, states_before
 from rlgcomp.physics.mechanism import TURNING, Array, Mechanism, amplitude, setting
@@ -98,9 +98,7 @@ class TabulatedLaw(Mechanism):
             raise InputError(f"tabulated_law: knots and weights of {self.memory!r} differ in number; give a weight a knot")
         if self.memory == "curves" and not (len(self.knots_2) == 1 and self.knots_2[0] > 0.0):
             raise InputError(f"tabulated_law: knots_2 is {self.knots_2} beside memory 'curves'; give the one radius, above zero")
-        if self.memory in (*FUNCTIONS, "time", "curves") and not all(
-            a < b for a, b in zip(self.knots, self.knots[1:], strict=False)
-        ):
+        if self.memory in _TABLES and not all(a < b for a, b in zip(self.knots, self.knots[1:], strict=False)):
             raise InputError("tabulated_law: knots of a table must increase")
 
     @classmethod
@@ -151,7 +149,7 @@ class TabulatedLaw(Mechanism):
                 down = np.array(self.knots_2)
                 return relay_states(u, knots, down, states_before(u[0], knots, down, self.start)), weights
             case "curves":
-                middles = 0.5 * (u + np.r_[u[:1], u[:-1]])
+                middles = middles_of_steps(u)
                 rising, falling = (np.interp(middles, knots, curve)[:, None] for curve in (weights, np.array(self.weights_2)))
                 return duhem_paths(u, self.knots_2[0], rising, falling), np.ones(1)
         return self._interpolated(self._remembered(u, t))[:, None], np.ones(1)
