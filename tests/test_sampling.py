@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.recording.sampling import Sampling
+from rlgcomp.recording.sampling import FullWindows, Sampling
 
 N = 30000
 
@@ -35,3 +35,27 @@ def test_rounded_stamps_bend_no_rate() -> None:
     table = pd.DataFrame({"time_s": np.round(true_s * np.arange(N), 3), "gyro_pulses": counts})
     rate = rlg.Recording(table, rlg.Metadata("static", pulse_arcsec=arcsec)).rate_deg_h()
     assert rate.mean() == pytest.approx(counts.sum() * arcsec / (true_s * N), abs=1e-5)  # deg/h; the median step is off by 2e-3
+
+
+@pytest.mark.parametrize("periods", [1, 2, 5, 100, 2.5, 10 / 3])
+def test_scattered_stamps_leave_each_sample_in_its_window(periods: float) -> None:
+    period_s, samples = 0.41138146, np.arange(3000)
+    scatter = 0.05 * np.random.default_rng(2).uniform(-1.0, 1.0, len(samples))
+    exact, scattered = (
+        FullWindows.of(period_s * (samples + late), periods * period_s, period_s, name="run") for late in (0.0, scatter)
+    )
+    assert np.all(exact.full[:-1])  # the last may be cut short
+    np.testing.assert_array_equal(scattered.starts, exact.starts)
+    np.testing.assert_array_equal(scattered.full, exact.full)
+
+
+@pytest.mark.parametrize("digits", [6, 8])
+def test_rounded_stamps_drop_no_window(digits: int) -> None:
+    period_s = 0.17314526675377873
+    time_s = np.array([float(f"{t:.{digits}g}") for t in period_s * np.arange(4000)])
+    values = np.random.default_rng(3).normal(size=len(time_s))
+    exact, rounded = (
+        rlg.Recording(pd.DataFrame({"time_s": t, "gyro_deg_h": values}), rlg.Metadata("static")).averaged(2.0 * period_s)
+        for t in (period_s * np.arange(4000), time_s)
+    )
+    np.testing.assert_array_equal(rounded.column("gyro_deg_h"), exact.column("gyro_deg_h"))

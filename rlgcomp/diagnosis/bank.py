@@ -116,7 +116,11 @@ class Bank:
     def scaled(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         """The bases of a form and their scales: what the baseline cannot absorb has a mean square of one; None where it has all."""
         if form not in self._scaled:
-            self._scaled[form] = self._scale(form)
+            try:
+                self._scaled[form] = self._scale(form)
+            except KeyError:  # its bases are met for the first time
+                self.prepare([form])
+                self._scaled[form] = self._scale(form)
         return self._scaled[form]
 
     def reduced(self, basis: Basis) -> Array:
@@ -173,7 +177,6 @@ class Bank:
         return found
 
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
-        self.prepare([form])
         found: list[tuple[Basis, float]] = []
         for group, size in ((form.lead, form.unit), (form.departures, priors.DISCREPANCY * form.unit)):
             squares = [(basis, *self._squares[basis]) for basis in group]

@@ -87,6 +87,16 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Fami
     return [*families, *before, *after]
 
 
+def rougher(form: Form) -> Form | None:
+    """A form of relays or plays whose density departs from one relay to the next as well, as that of a real material does."""
+    lead = next((basis for basis in form.lead if isinstance(basis, Preisach | Plays)), None)
+    if lead is None:
+        return None
+    smooth = (basis for basis in form.smooth if not isinstance(basis, Preisach))
+    rough = Preisach(lead.driver, math.inf, True, 0.0, priors.ROUGH_LEVELS, lead.start, lead.histories)
+    return dataclasses.replace(form, smooth=(rough, *smooth))
+
+
 def reversible(driver: Driver, levels: int) -> Family:
     """Relays of smooth density and a function without memory of the same driver: what switches back at once is part of a loop.
 
@@ -135,19 +145,19 @@ def _begins(setting: Setting) -> tuple[tuple[str, float], ...]:
     return tuple((run.name, float(setting.temperature.values(run)[0])) for run in setting.data.runs)
 
 
-def _single_relays(setting: Setting) -> tuple[Relays, ...]:
-    up, down = plane(priors.RELAY_LEVELS, 1.0)
+def _single_relays(setting: Setting, levels: int = priors.RELAY_LEVELS) -> tuple[Relays, ...]:
+    up, down = plane(levels, 1.0)
     one = Relays(setting.temperature, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=_begins(setting))
     return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
 
 
 def more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
     """Forms with one relay more."""
-    every = _single_relays(setting)
+    every = _single_relays(setting, priors.FURTHER_RELAYS)
 
     def grow(form: Form) -> Iterator[Form]:
         if sum(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead) < priors.MOST_STEPS:
-            share = form.log_share + math.log(priors.MORE_STEPS / len(every))
+            share = form.log_share + priors.LOG_RELAY
             for more in every:
                 if more not in form.lead:
                     yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
@@ -165,7 +175,7 @@ def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
             return None
         own = [dataclasses.replace(every[0], up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
         lead = tuple(dict.fromkeys((*form.lead, *own)))
-        share = form.log_share + (len(lead) - len(form.lead)) * math.log(priors.MORE_STEPS / len(every))
+        share = form.log_share + (len(lead) - len(form.lead)) * priors.LOG_RELAY
         return dataclasses.replace(form, lead=lead, log_share=share) if len(lead) <= priors.MOST_STEPS else None
 
     return absorb

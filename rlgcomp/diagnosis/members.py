@@ -177,25 +177,49 @@ class Members:
         return sorted(best, key=lambda one: one[0], reverse=True)
 
     def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
-        """From what a form grows: the likeliest that can, and the likeliest of those that have a threshold."""
+        """From what a form grows: the likeliest that can, and of those that have thresholds the likeliest, and the likeliest of one."""
         if not region.forms:
             return [best]
         assert region.grow is not None  # noqa: S101
         can = [next(iter(region.grow(form)), None) is not None for form in region.forms]
         switching = [grows and self.switches(form) for grows, form in zip(can, region.forms, strict=True)]
-        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, switching))
+        single = [one and sum(self.bank.width(basis) for basis in form.lead) == 1 for one, form in zip(switching, region.forms, strict=True)]
+        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, single))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
-    def grown_from(self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise) -> Member:
+    def grown_from(
+        self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise
+    ) -> tuple[float, Member]:
         """A form with leading bases more, one by one as long as each is worth it."""
         given = self.given(noise, others)
         value, member = self.polished(*first, given)
         while True:
             more = self.likeliest(given, self._promising(grow(member.form), (*others, member), noise)) or (value, member)
             if more[0] <= value + WORTH_MORE:
-                break
+                return self.polished(value, member, given)
             value, member = self.polished(*more, given, last=True)
-        return self.polished(value, member, given)[1]
+
+    def looked_for_anew(
+        self, found: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise
+    ) -> tuple[float, Member]:
+        """A form that has grown, each of its leading bases in turn left out and others looked for in its place."""
+        given = self.given(noise, others)
+        while True:
+            fewer = [self.best(given, form) for form in shorter(found[1].form)]
+            best = max((self.grown_from(one, grow, others, noise) for one in fewer), key=lambda one: one[0], default=found)
+            if best[0] <= found[0] + WORTH_MORE:
+                return found
+            found = best
+
+    def pruned(self, form: Form, others: Set, noise: Noise) -> tuple[float, Member]:
+        """A form without those of its leading bases that are not worth their place beside others."""
+        given = self.given(noise, others)
+        found = self.best(given, form)
+        while True:
+            best = max((self.best(given, one) for one in shorter(found[1].form)), key=lambda one: one[0], default=found)
+            if best[0] <= found[0]:
+                return found
+            found = best
 
     def switches(self, form: Form) -> bool:
         """Whether its leading bases have thresholds."""
@@ -296,6 +320,14 @@ class Members:
         values = np.concatenate([point, table.ravel()])
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return log_sum(values) - float(at)
+
+
+def shorter(form: Form) -> list[Form]:
+    """A form that has grown with one leading basis less, each in turn."""
+    return [
+        dataclasses.replace(form, lead=(*form.lead[:k], *form.lead[k + 1 :]), log_share=form.log_share - priors.LOG_RELAY)
+        for k in range(len(form.lead) * (len(form.lead) > 1))
+    ]
 
 
 def log_sum(values: Iterable[float]) -> float:

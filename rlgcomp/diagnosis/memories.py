@@ -236,7 +236,7 @@ class Fading(Basis):
 @dataclasses.dataclass(frozen=True)
 class Preisach(Basis):
     r"""Relays over the Preisach plane. With `free` their density is a Gaussian process about zero, else it is the one column of
-    :math:`e^{-(\alpha - \beta) / r}`.
+    :math:`e^{-(\alpha - \beta) / r}`. Of no width, the process is white: each relay within the range has a level of its own.
 
     I. D. Mayergoyz, Mathematical Models of Hysteresis, Springer, 1991.
     """
@@ -317,6 +317,8 @@ def _densities(radius: float, free: bool, width: float, levels: int) -> Array:
     weights = np.exp(-(up - down) / radius)[:, None]
     if not free:
         return weights
+    if not width:
+        return np.eye(len(up))[:, (up <= 1.0) & (down >= -1.0)] * weights
     middles, widths = 0.5 * (up + down), up - down
     of_middle, of_width = (
         np.column_stack([np.interp(places, knots, column) for column in kernel_root(kernel(knots / width)).T])

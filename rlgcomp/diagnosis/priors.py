@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -90,10 +91,16 @@ PREISACH_LEVELS: Final = 80
 """Levels of the Preisach plane, so 3160 relays, each elsewhere in its cell: at strength 30 their steps are lost in the noise."""
 LAW_LEVELS: Final = 22
 """The same for loops of monitors."""
+ROUGH_LEVELS: Final = 56
+"""The same where each relay departs by itself: 600 of them are within the range, next to which more are lost in the noise."""
 RELAY_LEVELS: Final = 13
 """Levels of the plane of single relays over the range of the driver: 78 of them, polished afterwards."""
+FURTHER_RELAYS: Final = 41
+"""The same for one relay more."""
 MORE_STEPS: Final = 0.7
 """Odds of one more hop of a ladder, or of one more relay."""
+LOG_RELAY: Final = math.log(MORE_STEPS / (RELAY_LEVELS * (RELAY_LEVELS - 1) / 2))
+"""Log prior of one more relay of a hysteresis, at its place among those of the plane."""
 MOST_STEPS: Final = 12
 """Members of a ladder, or relays, that are sought one by one."""
 

@@ -16,7 +16,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, Magnitude, Own, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, with_relays
+from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, rougher, with_relays
 from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
 from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
@@ -224,7 +224,8 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             if forms:
                 grow = _GROW[name](setting) if name in _GROW else None
                 absorb = _ABSORB[name](setting) if name in _ABSORB else None
-                yield Region(name, name, _NAMED, forms, drivers, memory, grow, absorb)  # type: ignore[arg-type]
+                rough = rougher if memory == "rate-independent" else None
+                yield Region(name, name, _NAMED, forms, drivers, memory, grow, absorb, rough)  # type: ignore[arg-type]
         elif mechanism().amplitude_parameters():
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
@@ -285,7 +286,8 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             ]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
             families = [*hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS), reversible(driver, priors.LAW_LEVELS)]
-            yield Region(f"loop:{column}", None, _LAW, forms_of(f"loop:{column}", families), (column,), "rate-independent")
+            forms = forms_of(f"loop:{column}", families)
+            yield Region(f"loop:{column}", None, _LAW, forms, (column,), "rate-independent", rougher=rougher)
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
             yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")

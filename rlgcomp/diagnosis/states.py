@@ -13,7 +13,7 @@ import numpy as np
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors, columns_of
-from rlgcomp.diagnosis.evidence import LOG_SIZE, Member, Set
+from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Member, Set
 from rlgcomp.diagnosis.lateness import LATE, Prediction, late_bases, late_form, white_noise
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.noise import Noise
@@ -34,6 +34,7 @@ _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fit
 _MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
 _NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
 _NARROW: Final = 4  # leading columns
+_ROUGH: Final = 3  # equations whose likeliest forms are tried with departures too many to be screened
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
@@ -87,7 +88,8 @@ class States(Members):
         self.visited: dict[Key, State] = {}
         self._beside_processes: dict[Set, list[State]] = {}
         self._near: set[str] = set()
-        self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
+        self._grown_sets: set[tuple[frozenset[str], str, Errors | None]] = set()
+        self._of_many_known: dict[str, Form] = {}
         self._errors: list[Errors] = []
         self._outliers: tuple[int, ...] | None = None
 
@@ -293,18 +295,45 @@ class States(Members):
         white = self.calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
         top = max(other.log_posterior for other in self.visited.values())
-        if known in self._grown or state.log_posterior < top - WITHIN_REACH:
+        if known in self._grown_sets or (others and state.log_posterior < top - WITHIN_REACH):
             return []
-        self._grown.add(known)
+        self._grown_sets.add(known)
         region, given = self.regions[own.form.region], self.given(white, others)
         best = self.best_of_region(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
-        found = [self.polished(*best, given)[1]]
+        found = [self.polished(*best, given)[1], *self._rougher(region, given, white)]
         grow = region.grow
         if grow is not None and (state.noise != white or self.switches(own.form) or not region.forms):
-            found += [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
+            grown = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
+            found += [member for _, member in grown]
+            if region.rougher is not None:
+                found.append(self._of_many(region, grown[-1], others, white))
         return found
+
+    def _of_many(self, region: Region, grown: tuple[float, Member], others: Set, noise: Noise) -> Member:
+        """A sum of relays: from what was found before and what has grown now the likelier, its relays looked for anew at first."""
+        assert region.grow is not None  # noqa: S101
+        known = self._of_many_known.get(region.key)
+        if known is not None:
+            again = self.grown_from(self.pruned(known, others, noise), region.grow, others, noise)
+            grown = max(grown, again, key=lambda one: one[0])
+        if known is None or not others:
+            grown = self.looked_for_anew(grown, region.grow, others, noise)
+            self._of_many_known[region.key] = grown[1].form
+        return grown[1]
+
+    def _rougher(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
+        """The likeliest of the region's forms with departures too many to be screened, where departures are above the noise."""
+        if region.rougher is None:
+            return []
+        first = self.by_equation(region, given, noise)
+        forms = [
+            form
+            for _, member in first
+            if priors.DISCREPANCY * member.size > 1.0 and (form := region.rougher(member.form)) is not None
+        ]
+        return [max((self.best(given, form) for form in forms[:_ROUGH]), key=lambda one: one[0])[1]] if forms else []
 
     # --- the set that is fitted ------------------------------------------------------------------------------------------------
 
@@ -374,6 +403,6 @@ class States(Members):
         for start in starts:
             more = next(iter(region.grow(start[1].form)), None)
             if more is not None and not self.switches(more):
-                member = self.grown_from(start, region.grow, others, noise)
+                _, member = self.grown_from(start, region.grow, others, noise)
                 return [self.best(self.given(noise, others), member.form)]
         return []

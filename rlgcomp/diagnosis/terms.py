@@ -96,6 +96,8 @@ class Region:
         Richer forms of the same region about a form that was found.
     absorb : callable, optional
         A form of this region with the leading bases of another region's form as well; None where these are of another cause.
+    rougher : callable, optional
+        A form with departures that are too many to be screened; None where it has none.
     propose : callable, optional
         Forms that a residual suggests, where there are too many to try all; it is whitened window means of all runs.
     nuisance : bool
@@ -112,6 +114,7 @@ class Region:
     memory: MemoryClass = "static"
     grow: Callable[[Form], Iterable[Form]] | None = None
     absorb: Callable[[Form, Form], Form | None] | None = None
+    rougher: Callable[[Form], Form | None] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False
     finer: tuple[Form, ...] = ()

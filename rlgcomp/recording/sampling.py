@@ -6,6 +6,7 @@ Stamps scatter: they are rounded, or taken a little late. One step alone shows n
 from __future__ import annotations
 
 import dataclasses
+from fractions import Fraction
 from typing import Final, Self
 
 import numpy as np
@@ -22,6 +23,7 @@ LEAST_COVERAGE: Final = 0.8
 GAP_PERIODS: Final = 1.5
 _LATE: Final = 0.5  # periods that stamps come later after a gap, of one sample or more, than before it; late stamps alone catch up
 _NEAR: Final = 15  # samples on either side that show it
+_PARTS: Final = 8  # of a period, by which edges of windows differ at least
 _SAME: Final = 1e-7  # of the period: the median step is that good where stamps are exact
 
 
@@ -75,6 +77,14 @@ def _slope(time_s: Array, gaps: npt.NDArray[np.intp]) -> float:
     return float(number @ since_s) / squares if squares > 0.0 else float(np.median(np.diff(time_s)))
 
 
+def _before_s(window_s: float, period_s: float) -> float:
+    """From where windows begin to the first sample: so much that no sample is near an edge, were its stamp rounded or jittered.
+
+    Edges of windows of n/d periods lie at multiples of 1/d of a period from the first one; that is half as much before a sample.
+    """
+    return 0.5 * period_s / Fraction(window_s / period_s).limit_denominator(_PARTS).denominator
+
+
 @dataclasses.dataclass(frozen=True)
 class FullWindows:
     """The windows of a run with at least 80 % of their samples, so that a gap shortens the result instead of bending it."""
@@ -106,8 +116,7 @@ class FullWindows:
         """
         if not window_s >= period_s:
             raise InputError(f"{name}: cannot average over {window_s} s: one sample takes {period_s:.6g} s")
-        rounding_s = 1e-6 * period_s  # so that a time stamp of 99.999999999 s opens the second window of 100 s
-        window = np.floor((time_s - time_s[:1] + rounding_s) / window_s).astype(np.intp)
+        window = np.floor((time_s - time_s[:1] + _before_s(window_s, period_s)) / window_s).astype(np.intp)
         starts = np.flatnonzero(np.r_[len(window) > 0, np.diff(window) > 0])
         counts = np.diff(np.r_[starts, len(window)])
         full = counts >= LEAST_COVERAGE * window_s / period_s
