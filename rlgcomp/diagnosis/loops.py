@@ -37,7 +37,7 @@ def _departures_of_loops(driver: Driver, levels: int) -> tuple[Basis, ...]:
     return Preisach(driver, 0.7, True, 1.0, levels), Smooth(Path(driver), 0.25, 14)
 
 
-def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Family]:
+def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int, relays: int) -> list[Family]:
     """Plays and relays of a driver: each run after a rest, after a history of its own, or after the run before.
 
     Parameters
@@ -47,9 +47,12 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Fami
         In the order in which they were recorded.
     levels : int
         Of the Preisach plane.
+    relays : int
+        Levels of the plane of single relays, of which there are more as they are sought one by one.
     """
     up, down = plane(priors.RELAY_LEVELS, 1.0)
     every = Relays(driver, tuple(up.tolist()), tuple(down.tolist()))
+    single = [(relay,) for relay in _single_relays(driver, runs, relays)]
     kin = _departures_of_loops(driver, levels)
     shapes: list[tuple[str, list[Plays | Preisach | Relays]]] = [
         ("b = mean over exponential radii of play(u; r) - u", [Plays(driver, r, True) for r in priors.RADII]),
@@ -61,6 +64,7 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int) -> list[Fami
     names = tuple(run.name for run in runs)
     one, smooth = EachRun(Undecided(driver, 0.7, levels), names), EachRun(Undecided(driver, 1.5, levels, _HISTORIES), names)
     families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
+    families.append(Family("b = sum of relays, each with a step of its own", single, kin))
     before = [
         Family(
             f"{equation}, each run after a history of its own",
@@ -116,12 +120,10 @@ def hysteresis(setting: Setting) -> list[Family]:
     """Of the temperature, as a sum of single relays as well."""
     driver = setting.temperature
     kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
-    single = [(relay,) for relay in _single_relays(setting)]
-    families = hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS)
+    families = hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS, priors.RELAY_LEVELS)
     names = tuple(run.name for run in setting.data.runs)
     return [
         *families,
-        Family("b = sum of relays, each with a step of its own", single, kin),
         _followed(driver, kin),
         _of_curves(driver, kin, names),
     ]
@@ -140,20 +142,20 @@ def _of_curves(driver: Driver, kin: tuple[Basis, ...], names: tuple[str, ...]) -
     return Family("b = z, dz/|dT| = (curve of heating or of cooling(T) - z) / radius", leads, kin)
 
 
-def _begins(setting: Setting) -> tuple[tuple[str, float], ...]:
-    """Runs with their first temperatures."""
-    return tuple((run.name, float(setting.temperature.values(run)[0])) for run in setting.data.runs)
+def _begins(driver: Driver, runs: Sequence[Run]) -> tuple[tuple[str, float], ...]:
+    """Runs with their first values."""
+    return tuple((run.name, float(driver.values(run)[0])) for run in runs)
 
 
-def _single_relays(setting: Setting, levels: int = priors.RELAY_LEVELS) -> tuple[Relays, ...]:
+def _single_relays(driver: Driver, runs: Sequence[Run], levels: int) -> tuple[Relays, ...]:
     up, down = plane(levels, 1.0)
-    one = Relays(setting.temperature, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=_begins(setting))
+    one = Relays(driver, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=_begins(driver, runs))
     return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
 
 
-def more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
     """Forms with one relay more."""
-    every = _single_relays(setting, priors.FURTHER_RELAYS)
+    every = _single_relays(driver, runs, priors.FURTHER_RELAYS)
 
     def grow(form: Form) -> Iterator[Form]:
         if sum(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead) < priors.MOST_STEPS:
@@ -167,13 +169,13 @@ def more_relays(setting: Setting) -> Callable[[Form], Iterator[Form]]:
 
 def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
     """A form that takes up the relays of another."""
-    every = _single_relays(setting)
+    first = _single_relays(setting.temperature, setting.data.runs, 2)[0]
 
     def absorb(form: Form, other: Form) -> Form | None:
         relays = [basis for basis in other.lead if isinstance(basis, Relays) and len(basis.up) == 1]
         if len(relays) < len(other.lead) or any(relay.driver != setting.temperature for relay in relays):
             return None
-        own = [dataclasses.replace(every[0], up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
+        own = [dataclasses.replace(first, up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
         lead = tuple(dict.fromkeys((*form.lead, *own)))
         share = form.log_share + (len(lead) - len(form.lead)) * priors.LOG_RELAY
         return dataclasses.replace(form, lead=lead, log_share=share) if len(lead) <= priors.MOST_STEPS else None
@@ -192,7 +194,7 @@ def hops(setting: Setting) -> list[Family]:
     """Single hops, of a wide dead band as well, and ladders."""
     driver = setting.temperature
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
-    kin, begins = (Smooth(setting.thermal, 0.5, 8),), _begins(setting)
+    kin, begins = (Smooth(setting.thermal, 0.5, 8),), _begins(driver, setting.data.runs)
     families = []
     for band in (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS):
         widest = priors.WIDEST_DEAD_BAND if band < priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE

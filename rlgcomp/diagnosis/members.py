@@ -177,14 +177,13 @@ class Members:
         return sorted(best, key=lambda one: one[0], reverse=True)
 
     def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
-        """From what a form grows: the likeliest that can, and of those that have thresholds the likeliest, and the likeliest of one."""
+        """From what a form grows: the likeliest that can, and the likeliest of those of one threshold."""
         if not region.forms:
             return [best]
         assert region.grow is not None  # noqa: S101
         can = [next(iter(region.grow(form)), None) is not None for form in region.forms]
-        switching = [grows and self.switches(form) for grows, form in zip(can, region.forms, strict=True)]
-        single = [one and sum(self.bank.width(basis) for basis in form.lead) == 1 for one, form in zip(switching, region.forms, strict=True)]
-        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, single))
+        one = [grows and self._switches_once(form) for grows, form in zip(can, region.forms, strict=True)]
+        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, one))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
     def grown_from(
@@ -224,6 +223,10 @@ class Members:
     def switches(self, form: Form) -> bool:
         """Whether its leading bases have thresholds."""
         return any("threshold" in basis.parameters() for basis in form.lead)
+
+    def _switches_once(self, form: Form) -> bool:
+        """Whether it has one leading column, which has a threshold."""
+        return self.switches(form) and sum(self.bank.width(basis) for basis in form.lead) == 1
 
     def _promising(self, forms: Iterable[Form], members: Set, noise: Noise) -> list[Form]:
         """Of forms with one leading basis more than the last member has, those whose further basis gains most beside it."""

@@ -90,7 +90,8 @@ CURVE_WIDTHS: Final = (0.15, 0.35, 0.8)
 PREISACH_LEVELS: Final = 80
 """Levels of the Preisach plane, so 3160 relays, each elsewhere in its cell: at strength 30 their steps are lost in the noise."""
 LAW_LEVELS: Final = 22
-"""The same for loops of monitors."""
+LAW_RELAYS: Final = 7
+"""The same for loops of monitors, and of single relays of a monitor."""
 ROUGH_LEVELS: Final = 56
 """The same where each relay departs by itself: 600 of them are within the range, next to which more are lost in the noise."""
 RELAY_LEVELS: Final = 13

@@ -87,6 +87,9 @@ def _lags(setting: Setting) -> list[Family]:
                 freely,
                 0.5 * weight,
             ),
+            Family(
+                f"b = f(lag({name}, time_constant_s))", [(Smooth(Path(driver, "lag", t)),) for t in times[1::2]], freely, weight
+            ),
         ]
     return families
 
@@ -186,7 +189,11 @@ _THERMAL: Final[Mapping[str, tuple[Callable[[Setting], list[Family]], str]]] = {
     "ageing": (_ageing, "none"),
 }
 
-_GROW: Final = {"thermal_hysteresis": more_relays, "thermal_lag": _more_lags, "mode_hop": more_hops}
+_GROW: Final = {
+    "thermal_hysteresis": lambda setting: more_relays(setting.temperature, setting.data.runs),
+    "thermal_lag": _more_lags,
+    "mode_hop": more_hops,
+}
 _ABSORB: Final = {"thermal_hysteresis": with_relays}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
@@ -285,9 +292,13 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
                 Family(f"b = f(lag({column}, time_constant_s))", bent, kin),
             ]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
-            families = [*hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS), reversible(driver, priors.LAW_LEVELS)]
+            families = [
+                *hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS, priors.LAW_RELAYS),
+                reversible(driver, priors.LAW_LEVELS),
+            ]
             forms = forms_of(f"loop:{column}", families)
-            yield Region(f"loop:{column}", None, _LAW, forms, (column,), "rate-independent", rougher=rougher)
+            grow = more_relays(driver, setting.data.runs)
+            yield Region(f"loop:{column}", None, _LAW, forms, (column,), "rate-independent", grow, rougher=rougher)
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
             yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")
