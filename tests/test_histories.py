@@ -9,11 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.loops import rougher
 from rlgcomp.diagnosis.memories import Plays, Preisach, Undecided, dense, one_after_the_other, plane, relays, sides
 from rlgcomp.diagnosis.selections import OnlyIn
+from rlgcomp.diagnosis.terms import Form
 from rlgcomp.numerics.relays import Switches, relay_states, states_after, states_before, turning_points
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -140,6 +143,21 @@ def test_relays_are_summed_from_their_switches(
             columns = basis.columns(run)
             weights = rng.standard_normal(columns.shape[1])
             np.testing.assert_allclose(basis.weighted(run, weights), columns @ weights, atol=1e-9)
+
+
+def test_departures_of_each_relay_go_on_from_the_history_of_their_density(recordings: list[Recording]) -> None:
+    data = data_of(recordings)
+    driver = Driver.of(data, "temperature_block_degC")
+    histories = one_after_the_other(driver, data.runs)
+    smooth = Preisach(driver, 0.4, True, 0.6, start="unknown", histories=histories)
+    form = rougher(Form("loop", "relays of smooth density", (smooth,), (Preisach(driver, 0.7, True, 1.0),)))
+    assert form is not None
+    (rough,) = form.smooth
+    up, down = dense(priors.ROUGH_LEVELS)
+    within = np.maximum(np.abs(up), np.abs(down)) <= 1.0
+    for run in data.runs:
+        states = relays(driver.values(run), up, down, "unknown", dict(histories)[run.name])
+        np.testing.assert_allclose(rough.columns(run), states[:, within] - 0.5, atol=1e-9)
 
 
 def test_the_same_basis_with_another_history_is_computed_anew(recordings: list[Recording]) -> None:

@@ -1,0 +1,73 @@
+"""Hysteresis of few relays, each with a level of its own: of the temperature, and of a monitor."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+import rlgcomp as rlg
+from rlgcomp.diagnosis.data import Grid
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from tests.few_monitors import few_monitors
+
+Array = npt.NDArray[np.float64]
+PROGRAMMES = (
+    "start 20, hold 30, ramp -10 1, hold 60, ramp 40 1, hold 60, ramp 5 1, hold 60",
+    "start 30, hold 50, ramp 0 1, hold 60, ramp 35 1, hold 60, ramp -5 1, hold 60",
+    "start 25, hold 60, ramp 45 1, hold 60, ramp -10 1, hold 60",
+)
+
+
+def loop(values: Array, up: Array, down: Array, weights: Array) -> Array:
+    """Relays of some weights after a rest, minus or plus one half each."""
+    rows = np.arange(len(values))[:, None]
+    on, off = values[:, None] >= up, values[:, None] <= down
+    last = np.maximum.accumulate(np.where(on | off, rows, -1), axis=0)
+    state = np.where(last < 0, values[0] >= 0.5 * (up + down), np.take_along_axis(on, np.maximum(last, 0), axis=0))
+    return np.asarray((state - 0.5) @ weights)
+
+
+def diagnosed(column: str, up: Array, down: Array, weights: Array) -> Diagnosis:
+    """Of two runs with such a loop of a column, tested on a third."""
+    noise = {"angle_random_walk_deg_sqrt_h": 3e-4}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
+        drawn = gaussian_filter1d(np.random.default_rng(80 + k).standard_normal(len(run)), 60.0)
+        pressure = 1000.0 + 20.0 * drawn / np.std(drawn)
+        table = run.table.assign(pressure_hPa=pressure, gyro_deg_h=run.rate_deg_h())
+        table["gyro_deg_h"] += loop(table[column].to_numpy(), up, down, weights)
+        runs.append(few_monitors(run.replace(table=table, truth=None)))
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
+    return diagnose(fitted, runs[:2], runs[2:], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+
+
+def test_few_relays_are_found_one_by_one() -> None:
+    """They were told as jumps between levels of their own: a search from a coarse plane stopped at two relays."""
+    found = diagnosed(
+        "temperature_block_degC",
+        np.array([31.0, 27.0, 18.0, 24.0]),
+        np.array([9.0, 19.0, -2.0, 1.0]),
+        np.array([0.03, -0.02, 0.015, 0.02]),
+    )
+    assert found.verdict == "explained"
+    assert [cause.name for cause in found.causes] == ["thermal_hysteresis"]
+    assert found.test is not None
+    assert found.test.augmented_std < 1.5 * found.test.noise_floor_rms
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.2)
+
+
+def test_relays_of_a_monitor_are_a_law_of_that_monitor() -> None:
+    """They were told as a slow error of no recorded column."""
+    found = diagnosed(
+        "pressure_hPa", np.array([1012.0, 1024.0, 1001.0]), np.array([990.0, 1004.0, 975.0]), np.array([0.03, 0.02, -0.025])
+    )
+    content = found.to_mapping()["unexplained"]
+    assert found.verdict == "unknown"
+    assert (content["drivers"], content["memory"]) == (["pressure_hPa"], "rate-independent")
+    assert not found.decision.wander
+    assert found.test is not None
+    assert found.test.augmented_rms < 2.0 * found.test.noise_floor_rms
