@@ -29,6 +29,7 @@ MOST: Final = 6  # members of a set
 _ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late columns find each other
 ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
+_ALONE: Final = 240.0  # and of a set of one, whose form may lack most of its members
 _ROUNDS_OF_SHARPENING: Final = 2
 _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fitted is polished:
 _MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
@@ -295,7 +296,8 @@ class States(Members):
         white = self.calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
         top = max(other.log_posterior for other in self.visited.values())
-        if known in self._grown_sets or (others and state.log_posterior < top - WITHIN_REACH):
+        reach = WITHIN_REACH if others else _ALONE
+        if known in self._grown_sets or state.log_posterior < top - reach:
             return []
         self._grown_sets.add(known)
         region, given = self.regions[own.form.region], self.given(white, others)
