@@ -87,12 +87,6 @@ def _lags(setting: Setting) -> list[Family]:
                 freely,
                 0.5 * weight,
             ),
-            Family(
-                f"b = f(lag({name}, time_constant_s))",
-                [(Smooth(Path(driver, "lag", t)),) for t in times[1::2]],
-                freely,
-                0.2 * weight,
-            ),
         ]
     return families
 
