@@ -68,10 +68,5 @@ def test_a_held_out_leg_decides_nothing() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="with windows of 9.1 s a hysteresis beside a wander is likelier, at 0.62, than the warm-up that improves the leg: "
-    "docs/diagnosis.md",
-    strict=True,
-)
 def test_the_answer_does_not_hang_on_the_window() -> None:
     assert held_out(third_axis(None, *MEMORY, "ageing", "warm_up")).improvement_ci95[0] > 0.0

@@ -147,9 +147,12 @@ def _begins(driver: Driver, runs: Sequence[Run]) -> tuple[tuple[str, float], ...
     return tuple((run.name, float(driver.values(run)[0])) for run in runs)
 
 
+def _single_relay(driver: Driver, runs: Sequence[Run]) -> Relays:
+    return Relays(driver, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=_begins(driver, runs))
+
+
 def _single_relays(driver: Driver, runs: Sequence[Run], levels: int) -> tuple[Relays, ...]:
-    up, down = plane(levels, 1.0)
-    one = Relays(driver, (0.0,), (0.0,), narrowest=priors.NARROWEST_LOOP, begins=_begins(driver, runs))
+    one, (up, down) = _single_relay(driver, runs), plane(levels, 1.0)
     return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
 
 
@@ -158,7 +161,7 @@ def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterato
     every = _single_relays(driver, runs, priors.FURTHER_RELAYS)
 
     def grow(form: Form) -> Iterator[Form]:
-        if sum(isinstance(basis, Relays) and len(basis.up) == 1 for basis in form.lead) < priors.MOST_STEPS:
+        if sum(_is_single(basis) for basis in form.lead) < priors.MOST_STEPS:
             share = form.log_share + priors.LOG_RELAY
             for more in every:
                 if more not in form.lead:
@@ -167,15 +170,31 @@ def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterato
     return grow
 
 
+def fewer_relays(log_share: float) -> Callable[[Form], Iterator[Form]]:
+    """Forms with one relay less, where something is left; the prior of one more has been this."""
+
+    def shrink(form: Form) -> Iterator[Form]:
+        for k, basis in enumerate(form.lead):
+            if len(form.lead) > 1 and _is_single(basis):
+                lead = (*form.lead[:k], *form.lead[k + 1 :])
+                yield dataclasses.replace(form, lead=lead, log_share=form.log_share - log_share)
+
+    return shrink
+
+
+def _is_single(basis: Basis) -> bool:
+    return isinstance(basis, Relays) and len(basis.up) == 1
+
+
 def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
     """A form that takes up the relays of another."""
-    first = _single_relays(setting.temperature, setting.data.runs, 2)[0]
+    one = _single_relay(setting.temperature, setting.data.runs)
 
     def absorb(form: Form, other: Form) -> Form | None:
         relays = [basis for basis in other.lead if isinstance(basis, Relays) and len(basis.up) == 1]
         if len(relays) < len(other.lead) or any(relay.driver != setting.temperature for relay in relays):
             return None
-        own = [dataclasses.replace(first, up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
+        own = [dataclasses.replace(one, up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
         lead = tuple(dict.fromkeys((*form.lead, *own)))
         share = form.log_share + (len(lead) - len(form.lead)) * priors.LOG_RELAY
         return dataclasses.replace(form, lead=lead, log_share=share) if len(lead) <= priors.MOST_STEPS else None
@@ -231,7 +250,7 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         band = first.up[0] - first.down[0]
         if band > priors.WIDEST_DEAD_BAND:  # of several such relays a hysteresis is made
             return
-        share = form.log_share + math.log(priors.MORE_STEPS / len(levels))
+        share = form.log_share + priors.LOG_HOP
         for level in levels:
             if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
                 more = dataclasses.replace(first, up=(float(level),), down=(float(level - band),), opposite=())

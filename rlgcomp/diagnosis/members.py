@@ -198,24 +198,25 @@ class Members:
                 return self.polished(value, member, given)
             value, member = self.polished(*more, given, last=True)
 
-    def looked_for_anew(
-        self, found: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise
-    ) -> tuple[float, Member]:
-        """A form that has grown, each of its leading bases in turn left out and others looked for in its place."""
+    def looked_for_anew(self, region: Region, found: tuple[float, Member], others: Set, noise: Noise) -> tuple[float, Member]:
+        """A form that has grown, each of its further leading bases in turn left out and others looked for in its place."""
+        assert region.grow is not None and region.shrink is not None  # noqa: S101, PT018
         given = self.given(noise, others)
         while True:
-            fewer = [self.best(given, form) for form in shorter(found[1].form)]
-            best = max((self.grown_from(one, grow, others, noise) for one in fewer), key=lambda one: one[0], default=found)
+            fewer = [self.best(given, form) for form in region.shrink(found[1].form)]
+            best = max((self.grown_from(one, region.grow, others, noise) for one in fewer), key=lambda one: one[0], default=found)
             if best[0] <= found[0] + WORTH_MORE:
                 return found
             found = best
 
-    def pruned(self, form: Form, others: Set, noise: Noise) -> tuple[float, Member]:
-        """A form without those of its leading bases that are not worth their place beside others."""
+    def pruned(self, region: Region, form: Form, others: Set, noise: Noise) -> tuple[float, Member]:
+        """A form that has grown, without those of its further leading bases that are not worth their place beside others."""
+        assert region.shrink is not None  # noqa: S101
         given = self.given(noise, others)
         found = self.best(given, form)
         while True:
-            best = max((self.best(given, one) for one in shorter(found[1].form)), key=lambda one: one[0], default=found)
+            fewer = (self.best(given, one) for one in region.shrink(found[1].form))
+            best = max(fewer, key=lambda one: one[0], default=found)
             if best[0] <= found[0]:
                 return found
             found = best
@@ -323,14 +324,6 @@ class Members:
         values = np.concatenate([point, table.ravel()])
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return log_sum(values) - float(at)
-
-
-def shorter(form: Form) -> list[Form]:
-    """A form that has grown with one leading basis less, each in turn."""
-    return [
-        dataclasses.replace(form, lead=(*form.lead[:k], *form.lead[k + 1 :]), log_share=form.log_share - priors.LOG_RELAY)
-        for k in range(len(form.lead) * (len(form.lead) > 1))
-    ]
 
 
 def log_sum(values: Iterable[float]) -> float:

@@ -16,7 +16,17 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, Magnitude, Own, Power, Product, Shift, Smooth
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.loops import hops, hysteresis, hysteresis_of, more_hops, more_relays, reversible, rougher, with_relays
+from rlgcomp.diagnosis.loops import (
+    fewer_relays,
+    hops,
+    hysteresis,
+    hysteresis_of,
+    more_hops,
+    more_relays,
+    reversible,
+    rougher,
+    with_relays,
+)
 from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
 from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
@@ -191,6 +201,7 @@ _GROW: Final = {
     "thermal_lag": _more_lags,
     "mode_hop": more_hops,
 }
+_SHRINK: Final = {"thermal_hysteresis": fewer_relays(priors.LOG_RELAY), "mode_hop": fewer_relays(priors.LOG_HOP)}
 _ABSORB: Final = {"thermal_hysteresis": with_relays}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
@@ -229,7 +240,8 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
                 grow = _GROW[name](setting) if name in _GROW else None
                 absorb = _ABSORB[name](setting) if name in _ABSORB else None
                 rough = rougher if memory == "rate-independent" else None
-                yield Region(name, name, _NAMED, forms, drivers, memory, grow, absorb, rough)  # type: ignore[arg-type]
+                shrink = _SHRINK.get(name)
+                yield Region(name, name, _NAMED, forms, drivers, memory, grow, shrink, absorb, rough)  # type: ignore[arg-type]
         elif mechanism().amplitude_parameters():
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
@@ -294,8 +306,8 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
                 reversible(driver, priors.LAW_LEVELS),
             ]
             forms = forms_of(f"loop:{column}", families)
-            grow = more_relays(driver, setting.data.runs)
-            yield Region(f"loop:{column}", None, _LAW, forms, (column,), "rate-independent", grow, rougher=rougher)
+            grow, shrink = more_relays(driver, setting.data.runs), fewer_relays(priors.LOG_RELAY)
+            yield Region(f"loop:{column}", None, _LAW, forms, (column,), "rate-independent", grow, shrink, rougher=rougher)
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
             yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")

@@ -89,8 +89,8 @@ class States(Members):
         self.visited: dict[Key, State] = {}
         self._beside_processes: dict[Set, list[State]] = {}
         self._near: set[str] = set()
-        self._grown_sets: set[tuple[frozenset[str], str, Errors | None]] = set()
-        self._of_many_known: dict[str, Form] = {}
+        self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
+        self._grown_forms: dict[str, Form] = {}  # the form of each region that has grown and was looked for anew
         self._errors: list[Errors] = []
         self._outliers: tuple[int, ...] | None = None
 
@@ -297,9 +297,9 @@ class States(Members):
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
         top = max(other.log_posterior for other in self.visited.values())
         reach = WITHIN_REACH if others else _ALONE
-        if known in self._grown_sets or state.log_posterior < top - reach:
+        if known in self._grown or state.log_posterior < top - reach:
             return []
-        self._grown_sets.add(known)
+        self._grown.add(known)
         region, given = self.regions[own.form.region], self.given(white, others)
         best = self.best_of_region(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
@@ -309,20 +309,20 @@ class States(Members):
         if grow is not None and (state.noise != white or self.switches(own.form) or not region.forms):
             grown = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
             found += [member for _, member in grown]
-            if region.rougher is not None:
-                found.append(self._of_many(region, grown[-1], others, white))
+            if region.shrink is not None:
+                found.append(self._grown_anew(region, grown[-1], others, white))
         return found
 
-    def _of_many(self, region: Region, grown: tuple[float, Member], others: Set, noise: Noise) -> Member:
-        """A sum of relays: from what was found before and what has grown now the likelier, its relays looked for anew at first."""
+    def _grown_anew(self, region: Region, grown: tuple[float, Member], others: Set, noise: Noise) -> Member:
+        """From what has grown before and what has grown now the likelier; at first its leading bases are looked for anew."""
         assert region.grow is not None  # noqa: S101
-        known = self._of_many_known.get(region.key)
+        known = self._grown_forms.get(region.key)
         if known is not None:
-            again = self.grown_from(self.pruned(known, others, noise), region.grow, others, noise)
+            again = self.grown_from(self.pruned(region, known, others, noise), region.grow, others, noise)
             grown = max(grown, again, key=lambda one: one[0])
         if known is None or not others:
-            grown = self.looked_for_anew(grown, region.grow, others, noise)
-            self._of_many_known[region.key] = grown[1].form
+            grown = self.looked_for_anew(region, grown, others, noise)
+            self._grown_forms[region.key] = grown[1].form
         return grown[1]
 
     def _rougher(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:

@@ -94,6 +94,8 @@ class Region:
     memory : str
     grow : callable, optional
         Richer forms of the same region about a form that was found.
+    shrink : callable, optional
+        Such a richer form with one of its further leading bases less, each in turn.
     absorb : callable, optional
         A form of this region with the leading bases of another region's form as well; None where these are of another cause.
     rougher : callable, optional
@@ -113,6 +115,7 @@ class Region:
     drivers: tuple[str, ...] = ()
     memory: MemoryClass = "static"
     grow: Callable[[Form], Iterable[Form]] | None = None
+    shrink: Callable[[Form], Iterable[Form]] | None = None
     absorb: Callable[[Form, Form], Form | None] | None = None
     rougher: Callable[[Form], Form | None] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
