@@ -216,8 +216,7 @@ def hops(setting: Setting) -> list[Family]:
     kin, begins = (Smooth(setting.thermal, 0.5, 8),), _begins(driver, setting.data.runs)
     families = []
     for band in (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS):
-        widest = priors.WIDEST_DEAD_BAND if band < priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE
-        one = Relays(driver, (0.0,), (0.0,), widest=widest)
+        one = Relays(driver, (0.0,), (0.0,), widest=priors.WIDEST_OF_ONE)
         rested = dataclasses.replace(one, begins=begins)
         for start in SIDES if band else ("rested",):
             hop = rested if start == "rested" else dataclasses.replace(one, start=start)
@@ -248,8 +247,8 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         if len(form.lead) >= priors.MOST_STEPS or not isinstance(first, Relays) or len(first.up) > 1:
             return
         band = first.up[0] - first.down[0]
-        if band > priors.WIDEST_DEAD_BAND:  # of several such relays a hysteresis is made
-            return
+        form = _with_dead_bands(form, _dead_bands(band))
+        first = form.lead[0]
         share = form.log_share + priors.LOG_HOP
         for level in levels:
             if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
@@ -257,3 +256,16 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
                 yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
     return grow
+
+
+def _dead_bands(band: float) -> tuple[float, float]:
+    """Dead bands beside one: any narrow ones; where they are wide a ladder has one of them, for those of a hysteresis differ."""
+    if band <= priors.WIDEST_DEAD_BAND:
+        return 0.0, priors.WIDEST_DEAD_BAND
+    return (1.0 - priors.ONE_DEAD_BAND) * band, (1.0 + priors.ONE_DEAD_BAND) * band
+
+
+def _with_dead_bands(form: Form, bands: tuple[float, float]) -> Form:
+    narrowest, widest = bands
+    lead = (dataclasses.replace(one, narrowest=narrowest, widest=widest) if isinstance(one, Relays) else one for one in form.lead)
+    return dataclasses.replace(form, lead=tuple(lead))
