@@ -153,7 +153,8 @@ def _single_relay(driver: Driver, runs: Sequence[Run]) -> Relays:
 
 def _single_relays(driver: Driver, runs: Sequence[Run], levels: int) -> tuple[Relays, ...]:
     one, (up, down) = _single_relay(driver, runs), plane(levels, 1.0)
-    return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up, down, strict=True))
+    wide = up - down >= one.narrowest
+    return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up[wide], down[wide], strict=True))
 
 
 def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
@@ -216,10 +217,8 @@ def hops(setting: Setting) -> list[Family]:
     kin, begins = (Smooth(setting.thermal, 0.5, 8),), _begins(driver, setting.data.runs)
     families = []
     for band in (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS):
-        one = Relays(driver, (0.0,), (0.0,), widest=priors.WIDEST_OF_ONE)
-        rested = dataclasses.replace(one, begins=begins)
         for start in SIDES if band else ("rested",):
-            hop = rested if start == "rested" else dataclasses.replace(one, start=start)
+            hop = Relays(driver, (0.0,), (0.0,), start, widest=priors.WIDEST_OF_ONE, begins=begins)
             single = [
                 (dataclasses.replace(hop, up=(float(level),), down=(float(level - band),)),)
                 for level in levels

@@ -51,7 +51,7 @@ class Relays(Basis):
     begins : tuple of (str, float)
         Runs by name in which a single relay may have come from either side, and their first values.
     opposite : tuple of str
-        Those of them in which its state at first is the other one than after a rest; further runs may then be either.
+        Those of them in which its state at first is the other one; further runs may then be either.
     histories : tuple of (str, tuple of float)
         What was before runs, where that is known.
     """
@@ -86,10 +86,16 @@ class Relays(Basis):
         if self.histories:
             return up, down, _first(values, up, down, self.start, _before(run, self.histories))
         if run.name in self.opposite:
-            start: Start = "below" if values[0] >= 0.5 * (up[0] + down[0]) else "above"
+            start = self._other_side_than(values[0])
         else:
             start = self.start if run.name in dict(self.begins) else self.start_of_others
         return up, down, states_before(values[0], up, down, start)
+
+    def _other_side_than(self, first: float) -> Start:
+        """The side from which a single relay has come to a first value where its state is the other one."""
+        if self.start == "rested":
+            return "below" if first >= 0.5 * (self.up[0] + self.down[0]) else "above"
+        return "below" if self.start == "above" else "above"
 
     @property
     def start_of_others(self) -> Start:
