@@ -134,10 +134,11 @@ class Baseline:
         """Columns of all training runs, orthonormal, dependent ones left out, shape (n, p)."""
         return independent(data.means(self.columns))
 
-    def linearised(self, data: Data) -> Self:
+    def linearised(self, data: Data, beside: Array | None = None) -> Self:
         """The same with amplitudes by least squares, at which derivatives by shapes are taken, shape (runs, k) each."""
         plain = dataclasses.replace(self, amplitudes={}, runs=tuple(run.name for run in data.runs))
-        weights = np.linalg.lstsq(data.means(plain.columns), data.output, rcond=1e-12)[0]
+        less = _Less.of(beside)
+        weights = np.linalg.lstsq(less(data.means(plain.columns)), less(data.output), rcond=1e-12)[0]
         amplitudes, at = {}, 0 if self._has_constant() else 1
         for mechanism in self.simulator.mechanisms:
             names = {p.name for p in self.free(mechanism, "amplitude")}
@@ -151,15 +152,18 @@ class Baseline:
         return dataclasses.replace(plain, amplitudes=amplitudes)
 
     @classmethod
-    def calibrated(cls, simulator: Simulator, data: Data) -> Self:
+    def calibrated(cls, simulator: Simulator, data: Data, beside: Array | None = None) -> Self:
         """The simulator with its free shapes at their least squares, from the best point of each mechanism's grid on.
 
         Parameters
         ----------
         simulator : Simulator
         data : Data
+        beside : ndarray, shape (n, r), optional
+            Columns that are fitted as well, their weights about as large as the white noise.
         """
-        names_of_runs = tuple(run.name for run in data.runs)
+        names_of_runs, less = tuple(run.name for run in data.runs), _Less.of(beside)
+        output = less(data.output)
         for mechanism in simulator.mechanisms:
             own = cls(simulator)
             shapes = own.free(mechanism, "shape")
@@ -169,8 +173,8 @@ class Baseline:
             def misfit(candidate: Mechanism, others: Simulator = simulator) -> float:
                 tried = cls(others.with_mechanism(candidate), runs=names_of_runs)
                 table = data.means(tried.columns)
-                table = table / np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-                left = data.output - table @ np.linalg.lstsq(table, data.output, rcond=1e-10)[0]
+                table = less(table / np.maximum(np.linalg.norm(table, axis=0), 1e-300))
+                left = output - table @ np.linalg.lstsq(table, output, rcond=1e-10)[0]
                 return float(left @ left)
 
             names = [shape.name for shape in shapes]
@@ -184,7 +188,38 @@ class Baseline:
                 step = step if nearer != best else 0.5 * step
                 best = nearer
             simulator = simulator.with_mechanism(best)
-        return cls(simulator).linearised(data)
+        return cls(simulator).linearised(data, beside)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Less:
+    r"""Columns less what others take up, so that their squares are those of least squares with :math:`w` free beside.
+
+    .. math:: \min_w \lVert y - A w\rVert^2 + \lVert w\rVert^2 = \lVert (I - U (1 - (1 + s^2)^{-1/2}) U^\top) y\rVert^2,
+        \quad A = U s V^\top
+
+    Parameters
+    ----------
+    directions : ndarray, shape (n, r)
+        U.
+    shares : ndarray, shape (r,)
+    """
+
+    directions: Array
+    shares: Array
+
+    @classmethod
+    def of(cls, columns: Array | None) -> Self:
+        """Of A; of nothing, all is left."""
+        if columns is None:
+            return cls(np.empty((0, 0)), np.empty(0))
+        directions, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        return cls(directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+
+    def __call__(self, table: Array) -> Array:
+        if not len(self.shares):
+            return table
+        return np.asarray(table - (self.directions * self.shares) @ (self.directions.T @ table))
 
 
 def amplitude_of_run(name: str, run: str) -> str:

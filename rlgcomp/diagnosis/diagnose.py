@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
 from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.evidence import Evidence, columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.identities import Identity, identities, without_identities
 from rlgcomp.diagnosis.noise import Noise
@@ -47,6 +48,8 @@ from rlgcomp.report.messages import Message, message
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
+_CALIBRATIONS: Final = 2  # of free shapes beside the likeliest set
+_LIKELIER: Final = 3.0  # nats from which on the search is run again with them
 
 
 @one_blas_thread
@@ -188,64 +191,94 @@ class _Engine:
         """Columns of which the recorded output is the rate of change or the integral."""
         return () if self.turns else identities(data, self.recorded, self.request.unit)
 
-    def question(self, recordings: Sequence[Recording]) -> tuple[Bank, list[Region], Baseline]:
-        """The data, the regions that are weighed, and the simulator with its free shapes calibrated."""
+    def question(self, recordings: Sequence[Recording], beside: Array | None = None) -> tuple[Bank, list[Region], Baseline]:
+        """The data, the regions that are weighed, and the simulator with its free shapes calibrated, beside further columns."""
         data, simulator = self.data(recordings), self.runs.base
         data.require_windows()
-        baseline = Baseline.calibrated(simulator, data)
+        baseline = Baseline.calibrated(simulator, data, beside)
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, _temperature(self.runs.train[0])))
             data = with_angle_rows(data, _bases(regions), self.output)
         else:
             setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
             present = [mechanism.name for mechanism in simulator.mechanisms]
-            baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data)
+            baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data, beside)
             regions = list(named(setting, self.candidates, present))
             regions += list(laws(setting, regions))
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
         return bank, without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data)), baseline
 
-    def posterior(self, recordings: Sequence[Recording]) -> tuple[Posterior, Baseline, list[Message]]:
-        """The posterior of all sets, the simulator with its free shapes calibrated, and messages beside it."""
-        bank, regions, baseline = self.question(recordings)
+    def posterior(self, recordings: Sequence[Recording]) -> _Chosen:
+        """The posterior of all sets, the simulator alone and beside the likeliest set, and messages beside it."""
+        bank, regions, alone = self.question(recordings)
         absorbed = [region.mechanism for region in regions if region.mechanism and _absorbed(region, bank)]
         messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
         messages += [one.message() for one in self.identities(bank.data)]
-        return Posterior.of(bank, regions), baseline, messages
+        found, beside = Posterior.of(bank, regions), alone
+        for _ in range(_CALIBRATIONS):
+            again = self._calibrated_beside(found.best, bank, beside, recordings)
+            if again is None:
+                break
+            bank, regions, beside = again
+            found = Posterior.of(bank, regions)
+        return _Chosen(found, alone, beside, tuple(messages))
 
-    def fitted(self, chosen: tuple[Posterior, Baseline, list[Message]]) -> Diagnosis:
+    def _calibrated_beside(
+        self, state: State, bank: Bank, baseline: Baseline, recordings: Sequence[Recording]
+    ) -> tuple[Bank, list[Region], Baseline] | None:
+        """The question with free shapes of the simulator calibrated beside a set; None where that changes little.
+
+        Shapes enter by their derivatives, and those that were calibrated to the runs as they are have met what is missing halfway:
+        a member of the set may stand for what their derivatives do not reach.
+        """
+        if self.turns or not state.members or not any(baseline.free(one, "shape") for one in baseline.simulator.mechanisms):
+            return None
+        again = self.question(recordings, columns_of(bank, state.members))
+        if again[-1].simulator == baseline.simulator:
+            return None
+        members = state.members
+        sets = (members, *((*members[:k], *members[k + 1 :]) for k in range(len(members))))
+        now, before = (Evidence(one, state.noise, 0.0) for one in (again[0], bank))
+        likelier = any(now.log_evidence(one) > before.log_evidence(one) + _LIKELIER for one in sets)
+        return again if likelier else None
+
+    def fitted(self, chosen: _Chosen) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
-        posterior, baseline, absorbed = chosen
+        posterior = chosen.posterior
         decision = decided(posterior)
         data, best = self.data(self.runs.train), _best(posterior, decision)
-        baseline = baseline.linearised(data)
+        baseline = chosen.beside.linearised(data)
+        alone = baseline if chosen.alone is chosen.beside else chosen.alone.linearised(data)
         if self.turns:
             own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
             data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        before, after = (self._in_training(state, bank) for state in (_without(best, posterior), best))
-        refused = self._refused(decision, Fit(data, baseline, bank, before), Fit(data, baseline, bank, after))
+        own = bank if alone is baseline else Bank(data, alone.design(data), bank.baseline and alone)
+        before = Fit(data, alone, own, self._in_training(_without(best, posterior), own))
+        after = Fit(data, baseline, bank, self._in_training(best, bank))
+        refused = self._refused(decision, before, after)
         if refused is not None:
             decision = Decision("none", ())
-            before, after = (self._in_training(state, bank) for state in (_null(posterior), _best(posterior, decision)))
-        if decision.verdict == "none" and Fit(data, baseline, bank, after).excess[1] < LOUDER:
+            before = Fit(data, alone, own, self._in_training(_null(posterior), own))
+            after = Fit(data, baseline, bank, self._in_training(_best(posterior, decision), bank))
+        if decision.verdict == "none" and after.excess[1] < LOUDER:
             decision = Decision("unknown", (), louder=True)
         states = likely(posterior) if decision.verdict == "ambiguous" else []
         rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
         following, promise = next_experiment(posterior, rivals, states, self.chamber)
-        read = {column for member in after.members for column in posterior.regions[member.form.region].drivers}
+        read = {column for member in after.state.members for column in posterior.regions[member.form.region].drivers}
         test, lacking = _with_columns(self.runs.test, read & set(data.columns))
         return Diagnosis(
             decision,
             posterior,
-            Fit(data, baseline, bank, before),
-            Fit(data, baseline, bank, after),
+            before,
+            after,
             self.data([run for run in self.runs.confirm if set(data.columns) & read <= set(run.columns)]).runs,
             self.data(test).runs,
             self.candidates,
             self.request,
-            preparation=(*lacking, *absorbed, *self.runs.messages),
+            preparation=(*lacking, *chosen.messages, *self.runs.messages),
             warnings=self.runs.warnings,
             alignment=self.runs.alignment,
             next_experiment=following,
@@ -274,6 +307,24 @@ class _Engine:
         if seen is not None:
             seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
         return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Chosen:
+    """What the runs that choose say.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    alone, beside : Baseline
+        The simulator with its free shapes calibrated alone, and beside the likeliest set.
+    messages : tuple of Message
+    """
+
+    posterior: Posterior
+    alone: Baseline
+    beside: Baseline
+    messages: tuple[Message, ...]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -171,6 +171,12 @@ class Evidence:
         return Conditional(self, self.table(members))
 
 
+def columns_of(bank: Bank, members: Set) -> Array:
+    """Window means of a set's columns as they are, shape (n, r), the weights of which are about as large as the white noise."""
+    parts = [m.size * scale * bank.columns(basis) for m in members for basis, scale in bank.scaled(m.form) or ()]
+    return np.hstack([np.empty((len(bank.data), 0)), *parts])
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shared:
     """Bases that forms share, along their principal directions beside a set.

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.errors import Errors
-from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Evidence, Member, Set
+from rlgcomp.diagnosis.evidence import LOG_SIZE, Conditional, Evidence, Member, Set, columns_of
 from rlgcomp.diagnosis.jumps import jumps
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE
 from rlgcomp.diagnosis.noise import Noise
@@ -230,7 +230,7 @@ class Search(States):
 
     def _with_processes(self, members: Set) -> list[State]:
         """A set with each kind of process that jumps beside it, at its likeliest noise."""
-        table = np.hstack([np.empty((len(self.bank.data), 0)), *(self._unwhitened(member) for member in members)])
+        table = columns_of(self.bank, members)
         errors: Errors | None = None
         for _ in range(ROUNDS_OF_ERRORS):
             found_errors = self._errors_of(State(members, Noise(errors=errors), 0.0))
@@ -289,10 +289,6 @@ class Search(States):
             if nearer == best:
                 return best
             best = nearer
-
-    def _unwhitened(self, member: Member) -> Array:
-        scaled = self.bank.scaled(member.form) or ()
-        return np.hstack([member.size * scale * self.bank.columns(basis) for basis, scale in scaled])
 
     def _slow(self, table: Array) -> list[Array]:
         """Slow courses of what the baseline and a set leave of the output."""
