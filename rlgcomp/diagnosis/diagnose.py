@@ -254,13 +254,13 @@ class _Engine:
             own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
             data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        own = bank if alone is baseline else Bank(data, alone.design(data), bank.baseline and alone)
-        before = Fit(data, alone, own, self._in_training(_without(best, posterior), own))
+        bank_alone = bank if alone is baseline else Bank(data, alone.design(data), None if self.turns else alone)
+        before = Fit(data, alone, bank_alone, self._in_training(_without(best, posterior), bank_alone))
         after = Fit(data, baseline, bank, self._in_training(best, bank))
         refused = self._refused(decision, before, after)
         if refused is not None:
             decision = Decision("none", ())
-            before = Fit(data, alone, own, self._in_training(_null(posterior), own))
+            before = Fit(data, alone, bank_alone, self._in_training(_null(posterior), bank_alone))
             after = Fit(data, baseline, bank, self._in_training(_best(posterior, decision), bank))
         if decision.verdict == "none" and after.excess[1] < LOUDER:
             decision = Decision("unknown", (), louder=True)

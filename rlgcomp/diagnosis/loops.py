@@ -242,17 +242,17 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
 
     def grow(form: Form) -> Iterator[Form]:
-        first = form.lead[0]
-        if len(form.lead) >= priors.MOST_STEPS or not isinstance(first, Relays) or len(first.up) > 1:
+        ladder = [basis for basis in form.lead if isinstance(basis, Relays) and len(basis.up) == 1]
+        if len(ladder) < len(form.lead) or len(ladder) >= priors.MOST_STEPS:
             return
-        band = first.up[0] - first.down[0]
-        form = _with_dead_bands(form, _dead_bands(band))
-        first = form.lead[0]
+        band = ladder[0].up[0] - ladder[0].down[0]
+        narrowest, widest = _dead_bands(band)
+        ladder = [dataclasses.replace(relay, narrowest=narrowest, widest=widest) for relay in ladder]
         share = form.log_share + priors.LOG_HOP
         for level in levels:
-            if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in form.lead if isinstance(relay, Relays)):
-                more = dataclasses.replace(first, up=(float(level),), down=(float(level - band),), opposite=())
-                yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
+            if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in ladder):
+                more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=())
+                yield dataclasses.replace(form, lead=(*ladder, more), log_share=share)
 
     return grow
 
@@ -262,9 +262,3 @@ def _dead_bands(band: float) -> tuple[float, float]:
     if band <= priors.WIDEST_DEAD_BAND:
         return 0.0, priors.WIDEST_DEAD_BAND
     return (1.0 - priors.ONE_DEAD_BAND) * band, (1.0 + priors.ONE_DEAD_BAND) * band
-
-
-def _with_dead_bands(form: Form, bands: tuple[float, float]) -> Form:
-    narrowest, widest = bands
-    lead = (dataclasses.replace(one, narrowest=narrowest, widest=widest) if isinstance(one, Relays) else one for one in form.lead)
-    return dataclasses.replace(form, lead=tuple(lead))
