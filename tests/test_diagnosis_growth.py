@@ -129,3 +129,54 @@ def test_a_hysteresis_takes_up_a_hop_as_a_relay_that_is_wide_enough(hysteresis: 
     assert relay.up[0] - relay.down[0] == pytest.approx(priors.NARROWEST_LOOP)
     assert region.absorb(smooth, smooth) is None
     assert region.absorb(smooth, dataclasses.replace(hop, lead=(Relays(Driver(("other",)), (0.3,), (0.25,)),))) is None
+
+
+@pytest.fixture(scope="module")
+def ladders() -> tuple[Region, Run]:
+    simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    recording = simulator.simulate("start 20, hold 20, ramp 40 1, ramp -10 1, ramp 60 1, hold 20", seed=1, step_s=10.0)
+    run = Run.of(recording, Grid.of([recording]), lambda binned: binned.rate_deg_h())
+    data = Data((run,))
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    return next(named(setting, {"mode_hop": rlg.CATALOGUE["mode_hop"]}, ())), run
+
+
+@pytest.mark.parametrize(("band", "narrowest", "widest"), [(0.05, 0.0, 0.17), (0.3, 0.27, 0.33)])
+def test_a_ladder_of_wide_dead_bands_has_one_of_them(
+    ladders: tuple[Region, Run], band: float, narrowest: float, widest: float
+) -> None:
+    """Relays whose wide dead bands differ are a hysteresis."""
+    region, _ = ladders
+    assert region.grow is not None
+    first = next(form for form in region.forms if len(form.lead) == 1 and len(form.lead[0].up) == 1)
+    hop = dataclasses.replace(first.lead[0], up=(0.4,), down=(0.4 - band,))
+    grown = list(region.grow(dataclasses.replace(first, lead=(hop,))))
+    assert grown
+    for form in grown:
+        for relay in form.lead:
+            assert relay.up[0] - relay.down[0] == pytest.approx(band)
+            assert (relay.narrowest, relay.widest) == pytest.approx((narrowest, widest))
+            bands = [moved.up[0] - moved.down[0] for moved in relay.nearby(1.0)]
+            assert narrowest - 1e-9 <= min(bands) <= max(bands) <= widest + 1e-9
+
+
+def test_a_hop_in_whose_dead_band_a_run_begins_may_have_come_from_either_side_whatever_the_others_did(
+    ladders: tuple[Region, Run],
+) -> None:
+    region, run = ladders
+    single = [form.lead[0] for form in region.forms if len(form.lead[0].up) == 1]
+    assert {hop.start for hop in single} == {"rested", "below", "above"}
+    within = [hop for hop in single if dict(hop.begins) and hop.down[0] < hop.begins[0][1] < hop.up[0]]
+    assert {hop.start for hop in within} == {"rested", "below", "above"}
+    for hop in within:
+        (other,) = (moved for moved in hop.nearby(0.5) if moved.opposite)
+        assert {hop.columns(run)[0, 0], other.columns(run)[0, 0]} == {0.0, 1.0}
+
+
+def test_no_relay_of_a_hysteresis_is_as_narrow_as_a_hop(hysteresis: tuple[Region, Run]) -> None:
+    region, _ = hysteresis
+    assert region.grow is not None
+    single = next(form for form in region.forms if isinstance(form.lead[0], Relays) and len(form.lead[0].up) == 1)
+    widths = [form.lead[-1].up[0] - form.lead[-1].down[0] for form in region.grow(single)]
+    assert len(widths) > 500
+    assert min(widths) >= priors.NARROWEST_LOOP
