@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.baseline import Baseline, _Less
+from rlgcomp.diagnosis.baseline import Baseline, Less
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
 
@@ -47,8 +47,8 @@ def test_columns_beside_are_fitted_with_weights_about_as_large_as_the_noise() ->
     table, output = rng.normal(size=(40, 3)) * [0.1, 1.0, 30.0], rng.normal(size=40)
     stacked = np.vstack([table, np.eye(3)])
     left = np.r_[output, np.zeros(3)] - stacked @ np.linalg.lstsq(stacked, np.r_[output, np.zeros(3)], rcond=None)[0]
-    assert float(np.sum(_Less.of(table)(output) ** 2)) == pytest.approx(float(left @ left), rel=1e-12)
-    assert _Less.of(None)(output) is output
+    assert float(np.sum(Less.of(table)(output) ** 2)) == pytest.approx(float(left @ left), rel=1e-12)
+    assert Less.of(None)(output) is output
 
 
 def test_a_time_constant_is_right_beside_the_hop_that_bends_it_alone() -> None:

@@ -137,7 +137,7 @@ class Baseline:
     def linearised(self, data: Data, beside: Array | None = None) -> Self:
         """The same with amplitudes by least squares, at which derivatives by shapes are taken, shape (runs, k) each."""
         plain = dataclasses.replace(self, amplitudes={}, runs=tuple(run.name for run in data.runs))
-        less = _Less.of(beside)
+        less = Less.of(beside)
         weights = np.linalg.lstsq(less(data.means(plain.columns)), less(data.output), rcond=1e-12)[0]
         amplitudes, at = {}, 0 if self._has_constant() else 1
         for mechanism in self.simulator.mechanisms:
@@ -162,7 +162,7 @@ class Baseline:
         beside : ndarray, shape (n, r), optional
             Columns that are fitted as well, their weights about as large as the white noise.
         """
-        names_of_runs, less = tuple(run.name for run in data.runs), _Less.of(beside)
+        names_of_runs, less = tuple(run.name for run in data.runs), Less.of(beside)
         output = less(data.output)
         for mechanism in simulator.mechanisms:
             own = cls(simulator)
@@ -192,7 +192,7 @@ class Baseline:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Less:
+class Less:
     r"""Columns less what others take up, so that their squares are those of least squares with :math:`w` free beside.
 
     .. math:: \min_w \lVert y - A w\rVert^2 + \lVert w\rVert^2 = \lVert (I - U (1 - (1 + s^2)^{-1/2}) U^\top) y\rVert^2,
