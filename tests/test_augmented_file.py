@@ -12,7 +12,7 @@ import pytest
 
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Glitch, Magnitude, Power, Product, Shift, Smooth
+from rlgcomp.diagnosis.bases import Glitch, Magnitude, Power, Product, Shift, Smooth, SmoothBetween
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
@@ -62,12 +62,14 @@ def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
     block = Driver.of(data, "temperature_block_degC")
     gradient = Path(Driver.of(data, "temperature_block_degC", "temperature_shell_degC", combination="difference"))
     contrast = Path(Driver.of(data, "readout_a_V", "readout_b_V", combination="contrast"))
+    between = Driver.of(data, "temperature_block_degC", "temperature_shell_degC", combination="between", share=0.4)
     hop = Relays(block, (0.3, -0.4), (0.25, -0.45), "below")
     times = (100.0, 700.0, 3000.0)
     return {
         "polynomial and smooth": (Power(Path(block), 3), Smooth(Path(block))),
         "difference": (Power(gradient), Smooth(gradient), Shift(Power(gradient))),
         "contrast": (Power(contrast), Smooth(contrast)),
+        "between": (SmoothBetween(Path(between)), Smooth(Path(block))),
         "nonlinearities": (Saturation(Path(block), 0.3, 0.2), Hinge(Path(block), 0.4, -1), SignedPower(gradient, 0.6, False)),
         "rate": (Power(Path.rate(data, block)), Magnitude(Path.rate(data, block))),
         "late": (Power(Path(block, "lag", 900.0)), Lag(block, 500.0, 1.4, behind=False)),
@@ -84,8 +86,8 @@ def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
 
 
 @pytest.mark.parametrize("name", [
-    "polynomial and smooth", "difference", "contrast", "nonlinearities", "rate", "late", "lags", "plays", "relays", "density",
-    "curves", "distributed lags", "product", "time", "waves",
+    "polynomial and smooth", "difference", "contrast", "between", "nonlinearities", "rate", "late", "lags", "plays", "relays",
+    "density", "curves", "distributed lags", "product", "time", "waves",
 ])  # fmt: skip
 def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], root: Data, tmp_path: File) -> None:
     bases = forms_of(root)[name]

@@ -1,4 +1,4 @@
-"""Laws of one column that bend: after a lag, or as a parabola, with nothing beside them."""
+"""Laws that bend, with nothing beside them: of one column after a lag or as a parabola, of a place between two thermometers."""
 
 from __future__ import annotations
 
@@ -60,3 +60,26 @@ def test_a_parabola_of_a_column_is_a_law_of_that_column_alone() -> None:
     assert (content["drivers"], content["memory"]) == (["vibration_g"], "static")
     assert found.test is not None
     assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
+
+
+def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> None:
+    """A hysteresis of the one stood in for it, with a rate beside."""
+    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=20 + k, step_s=10.0, name=f"run{k}")
+        block, shell = (run.column(f"temperature_{place}_degC") for place in ("block", "shell"))
+        bump = 0.04 * np.exp(-0.5 * ((0.4 * block + 0.6 * shell - 18.0) / 9.0) ** 2)
+        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + bump)
+        runs.append(few_monitors(run.replace(table=table, truth=None)))
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
+    found = diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    (law,) = found.to_mapping()["unexplained"]["laws"]
+    assert found.verdict == "unknown"
+    assert (law["drivers"], law["memory"]) == (["temperature_block_degC", "temperature_shell_degC"], "static")
+    share = law["parameters"]["w"]
+    assert abs(share["value"] - 0.6) < 2.0 * share["sd"] < 0.4
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)

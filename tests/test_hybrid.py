@@ -44,7 +44,10 @@ LAWS = (
     TabulatedLaw(
         cause="a curve", driver=T, memory="none", knots=(-20.0, 0.0, 10.0, 50.0), weights=(0.0, 1e-3, -1e-3, 2e-3), slope_above=1e-4
     ),
-    TabulatedLaw(cause="a line", driver=T, memory="lag", time_s=400.0, knots=(0.0, 30.0), weights=(0.0, 1e-3), slope_below=1e-5),
+    TabulatedLaw(
+        cause="a line", driver=T, driver_2=SHELL, combination="between", share=0.4, memory="lag", time_s=400.0,
+        knots=(0.0, 30.0), weights=(0.0, 1e-3), slope_below=1e-5,
+    ),
     TabulatedLaw(cause="a rate", driver=T, memory="rate", time_s=600.0, knots=(-2.0, 0.0, 2.0), weights=(1e-3, 0.0, 3e-3)),
     TabulatedLaw(cause="a ladder", driver=T, memory="lags", knots=(100.0, 2000.0), weights=(1e-4, -2e-4)),
     TabulatedLaw(cause="plays", driver=T, memory="plays", knots=(1.0, 9.0), weights=(1e-4, 2e-4), start="below"),

@@ -173,6 +173,8 @@ def _law(mechanism: TabulatedLaw, columns: Columns, runs: Sequence[Recording]) -
         ends = {"below": 0.0, "above": 0.0}
         return [{**common, "memory": "time", "function": "table", **_table(mechanism.knots, mechanism.weights), **ends}]
     signal = common | {"driver": mechanism.driver, "driver_2": mechanism.driver_2, "combination": mechanism.combination}
+    if mechanism.combination == "between":
+        signal["share"] = mechanism.share
     start = LAW_STARTS[mechanism.start]
     if mechanism.memory == "product":
         centre, centre_2 = mechanism.knots

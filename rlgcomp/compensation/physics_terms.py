@@ -39,7 +39,7 @@ from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
 State = Any
-COMBINATIONS: Final = ("column", "difference", "contrast")
+COMBINATIONS: Final = ("column", "difference", "contrast", "between")
 MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "bouc_wen", "coleman", "time")
 FUNCTIONS: Final = ("identity", "power", "magnitude", "table", "decay", "cosine", "sine", "product")
 BOUC_WEN_AGAINST: Final = 0.6  # 0.8 - 0.2: growth of z against the input, over its decay along it
@@ -61,7 +61,9 @@ class PhysicsTerm:
         The parameter's value before the model is fitted.
     driver, driver_2 : str
         Monitors; "" for time.
-    combination : {"column", "difference", "contrast"}
+    combination : {"column", "difference", "contrast", "between"}
+    share : float
+        Of the way from one monitor to the other, where it is between them.
     memory, function : str
         See the module.
     time_s : float
@@ -88,6 +90,7 @@ class PhysicsTerm:
     driver: str = ""
     driver_2: str = ""
     combination: str = "column"
+    share: float = 0.0
     memory: str = "none"
     function: str = "identity"
     time_s: float = 0.0
@@ -176,6 +179,8 @@ class PhysicsTerm:
         if self.combination == "column":
             return u
         other = samples[:, self.columns.index(self.driver_2)]
+        if self.combination == "between":
+            return u + self.share * (other - u)
         return u - other if self.combination == "difference" else (u - other) / (u + other)
 
     def _remembered(self, state: State, u: Array, step_s: Array) -> tuple[Array, State]:

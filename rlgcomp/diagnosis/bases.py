@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 _JITTER: Final = 1e-6
 _WIDTH_RATIO: Final = 1.6  # of correlation lengths, from one point of a grid to the next
 _TIME_RATIO: Final = 1.5  # of time constants, from one point of a grid to the next
+_SHARE: Final = 0.25  # of the way from one column to another, from one point of a grid to the next
 _RESOLVED: Final = 1.3  # knots of a Gaussian process in a correlation length, at least
 _SHAPE_RATIO: Final = 1.5  # of a mechanism's own shape, from one point of the grid to the next
 
@@ -131,6 +132,20 @@ class Smooth(Basis):
 
     def parameters(self) -> dict[str, float]:
         return {"time_constant_s": self.path.time_s} if self.path.memory == "lag" else {}
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothBetween(Smooth):
+    """A smooth function of a place between two columns, or a little beyond one of them: the place is a parameter."""
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        driver = self.path.driver
+        moved = (dataclasses.replace(driver, share=driver.share + move) for move in (_SHARE * step, -_SHARE * step))
+        paths = (dataclasses.replace(self.path, driver=one) for one in moved)
+        return *super().nearby(step), *(dataclasses.replace(self, path=path) for path in paths)
+
+    def parameters(self) -> dict[str, float]:
+        return {"w": self.path.driver.share}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.hashed import Hashed
 from rlgcomp.numerics.filters import lag, rate_per_min, read_noise
 
 Array = npt.NDArray[np.float64]
-Combination = Literal["column", "difference", "contrast"]
+Combination = Literal["column", "difference", "contrast", "between"]
 Memory = Literal["none", "rate", "lag"]
 _OUTLIERS: Final = 0.002  # share of a column's values beyond its range
 BEYOND: Final = 1.3  # ranges at which a form ceases to bend
@@ -29,21 +29,24 @@ class Driver(Hashed):
     ----------
     columns : tuple of str
         Recorded columns.
-    combination : {"column", "difference", "contrast"}
-        One column, a - b, or (a - b) / (a + b).
+    combination : {"column", "difference", "contrast", "between"}
+        One column, a - b, (a - b) / (a + b), or a + share (b - a).
     centre, half : float
         Middle and half of the range, in the unit of the column.
+    share : float
+        Of the way from the one column to the other.
     """
 
     columns: tuple[str, ...]
     combination: Combination = "column"
     centre: float = 0.0
     half: float = 1.0
+    share: float = 0.0
 
     @classmethod
-    def of(cls, data: Data, *columns: str, combination: Combination = "column") -> Self:
+    def of(cls, data: Data, *columns: str, combination: Combination = "column", share: float = 0.0) -> Self:
         """A driver with the range of the training runs, its outliers left out."""
-        raw = cls(columns, combination)
+        raw = cls(columns, combination, share=share)
         values = np.concatenate([raw.values(run) for run in data.runs])
         low, high = np.quantile(values, [_OUTLIERS, 1.0 - _OUTLIERS])
         return dataclasses.replace(
@@ -58,6 +61,8 @@ class Driver(Hashed):
         second = run.column(self.columns[1])
         if self.combination == "difference":
             return first - second
+        if self.combination == "between":
+            return first + self.share * (second - first)
         return np.asarray((first - second) / (first + second))
 
     def values(self, run: Run) -> Array:
@@ -70,6 +75,9 @@ class Driver(Hashed):
         if self.combination == "contrast":
             a, b = self.columns
             return f"({a} - {b}) / ({a} + {b})"
+        if self.combination == "between":
+            a, b = self.columns
+            return f"{a} + {self.share:.3g} ({b} - {a})"
         return " - ".join(self.columns)
 
 

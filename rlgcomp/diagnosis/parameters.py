@@ -40,6 +40,7 @@ _SAME: Final = 0.05  # of the white noise of a window mean: what leaves less, or
 _CHANCE: Final = 2.0  # times the square that errors of the weights leave: a misfit within it is chance
 _ABSORBED: Final = 1e-6  # of a column beside the baseline, or of a term: an amplitude of which no more is left is none of its own
 _STEP: Final = 1.0 / 32.0  # of the grid, at which amplitudes' changes with a shape are taken
+_UNITS: Final = {"time_constant_s": "s", "w": ""}  # of what a smooth function is of
 
 
 class _Nearest(NamedTuple):
@@ -247,7 +248,7 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
     lead = member.form.lead
     names = [_names(basis, unit, j) for j, basis in enumerate(lead)]
     if not bases or by_run(member.form) or not all(names):
-        return (_of_lag(fit, k, lead[0]) if bases and len(lead) == 1 else {}), ()
+        return (_of_path(fit, k, lead[0]) if bases and len(lead) == 1 else {}), ()
     found = _nearest(fit, k, np.hstack([fit.bank.columns(basis) / basis.per_unit() for basis in lead]))
     if not found.holds:
         return {}, tuple(name for of_lead in names for name, _ in of_lead.values())
@@ -266,13 +267,12 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
     return {**amplitudes, **estimates}, ()
 
 
-def _of_lag(fit: Fit, k: int, basis: Basis) -> dict[str, Estimate]:
-    """The time constant of a function of a column's lag."""
+def _of_path(fit: Fit, k: int, basis: Basis) -> dict[str, Estimate]:
+    """What a smooth function is of: the time constant of a column's lag, the place between two columns."""
     basis = in_all_runs(basis)
-    if not isinstance(basis, Smooth) or basis.path.memory != "lag":
+    if not isinstance(basis, Smooth):
         return {}
-    time_s = basis.path.time_s
-    return {"time_constant_s": Estimate(time_s, fit.spread(k, "time_constant_s", time_s), "s")}
+    return {name: Estimate(value, fit.spread(k, name, value), _UNITS[name]) for name, value in basis.parameters().items()}
 
 
 def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, Magnitude, Own, Power, Product, Shift, Smooth
+from rlgcomp.diagnosis.bases import Basis, Magnitude, Own, Power, Product, Shift, Smooth, SmoothBetween
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.loops import (
@@ -39,6 +39,7 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
+_PLACES: Final = (-0.3, 0.25, 0.5, 0.75, 1.3)  # of the way from one thermometer to another
 
 
 # --- thermal regions -----------------------------------------------------------------------------------------------------------
@@ -311,6 +312,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
             yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")
+    yield from _between(setting)
     pairs = list(itertools.combinations(drivers, 2))
     for one, other in pairs:
         both = (*one.columns, *other.columns)
@@ -318,3 +320,19 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
         product = Product(Path(one), Path(other))
         families = [Family(f"b = k ({both[0]} - a) ({both[1]} - c)", [(product,)], (Power(Path(one), 2), Power(Path(other), 2)))]
         yield Region(key, None, _LAW + math.log(len(drivers) / len(pairs)), forms_of(key, families), both)
+
+
+def _between(setting: Setting) -> Iterator[Region]:
+    """Functions of the temperature of a place between two thermometers, or a little beyond one of them."""
+    thermometers = [column for column in setting.data.columns if column.startswith("temperature_")]
+    for one, other in itertools.combinations(thermometers, 2):
+        places = [Driver.of(setting.data, one, other, combination="between", share=share) for share in _PLACES]
+        leads: list[tuple[Basis, ...]] = [
+            (SmoothBetween(Path(place), width, knots),)
+            for place in places
+            for width, knots in ((priors.SMOOTH_WIDTH, 12), (0.7, 8))
+        ]
+        kin = tuple(Smooth(Path(Driver.of(setting.data, column)), 0.5, 8) for column in (one, other))
+        key = f"between:{one}:{other}"
+        families = [Family(f"b = f({one} + w ({other} - {one}))", leads, kin)]
+        yield Region(key, None, _LAW, forms_of(key, families), (one, other))

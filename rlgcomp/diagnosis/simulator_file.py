@@ -490,6 +490,8 @@ def _driver(driver: Driver) -> dict[str, Any]:
     found: dict[str, Any] = {"driver": driver.columns[0]}
     if driver.combination != "column":
         found |= {"driver_2": driver.columns[1], "combination": driver.combination}
+    if driver.combination == "between":
+        found["share"] = driver.share
     return found
 
 

@@ -115,6 +115,8 @@ class _Writer:
         if term.combination == "column":
             return u
         other = self.monitor(term.driver_2)
+        if term.combination == "between":
+            return f"{u} + {self.number(term.share)} * ({other} - {u})"
         return f"{u} - {other}" if term.combination == "difference" else f"({u} - {other}) / ({u} + {other})"
 
     def _remember(self, count: int, begin: Callable[[int], str]) -> str:

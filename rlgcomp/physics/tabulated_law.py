@@ -19,7 +19,7 @@ from rlgcomp.recording import TIME, Recording
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
-COMBINATIONS: Final = ("column", "difference", "contrast")
+COMBINATIONS: Final = ("column", "difference", "contrast", "between")
 MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "curves", "product", "time", "wave", "growing wave")
 CHANGES: Final = ("none", "derivative", "glitch")
 FUNCTIONS: Final = ("none", "rate", "lag")  # memories whose table is a function of one number
@@ -37,8 +37,8 @@ class TabulatedLaw(Mechanism):
 
     .. math:: b = s \, f(M[u]) \quad\text{or}\quad b = s \sum_j w_j M_j[u]
 
-    The driver u is a column, the difference of two, or their contrast (a - b) / (a + b), of readings without their noise
-    (:mod:`rlgcomp.numerics.readings`). On means over `step_s`, with the memory m,
+    The driver u is a column, the difference of two, their contrast (a - b) / (a + b), or a + `share` (b - a) between them, of
+    readings without their noise (:mod:`rlgcomp.numerics.readings`). On means over `step_s`, with the memory m,
 
     =============  =====================================================================================================
     none           f(u), a table `knots` → `weights`, monotone cubics between the knots, straight lines beyond
@@ -72,6 +72,7 @@ class TabulatedLaw(Mechanism):
     driver_2: str = setting("")
     factor: str = setting("")
     combination: str = setting("column", choices=COMBINATIONS)
+    share: float = setting(0.5, "1", low=-10.0, high=10.0)
     memory: str = setting("time", choices=MEMORIES)
     change: str = setting("none", choices=CHANGES)
     start: str = setting("rested", choices=tuple(STARTS))
@@ -89,7 +90,9 @@ class TabulatedLaw(Mechanism):
         if self.memory not in _DRIVERLESS and not self.driver:
             raise InputError(f"tabulated_law: driver is '' beside memory {self.memory!r}; give the name of a recorded column")
         if (self.combination != "column" or self.memory == "product") != bool(self.driver_2):
-            raise InputError("tabulated_law: driver_2 goes with a difference, a contrast or a product, and with nothing else")
+            raise InputError(
+                "tabulated_law: driver_2 goes with a difference, a contrast, between or a product, and with nothing else"
+            )
         second = len(self.weights_2)
         needed = {"relays": len(self.knots_2), "wave": second, "growing wave": second, "curves": second}
         tables = {len(self.knots), needed.get(self.memory, len(self.knots))}
@@ -138,8 +141,7 @@ class TabulatedLaw(Mechanism):
         if self.memory == "product":
             return ((u - knots[0]) * (bins.column(self.driver_2) - knots[1]))[:, None], weights
         if self.combination != "column":
-            other = bins.column(self.driver_2)
-            u = u - other if self.combination == "difference" else (u - other) / (u + other)
+            u = self._of_two(u, bins.column(self.driver_2))
         match self.memory:
             case "lags":
                 return np.column_stack([lag(u, t, tau) - u for tau in self.knots]), weights
@@ -153,6 +155,14 @@ class TabulatedLaw(Mechanism):
                 rising, falling = (np.interp(middles, knots, curve)[:, None] for curve in (weights, np.array(self.weights_2)))
                 return duhem_paths(u, self.knots_2[0], rising, falling), np.ones(1)
         return self._interpolated(self._remembered(u, t))[:, None], np.ones(1)
+
+    def _of_two(self, u: Array, other: Array) -> Array:
+        match self.combination:
+            case "difference":
+                return u - other
+            case "between":
+                return u + self.share * (other - u)
+        return (u - other) / (u + other)
 
     def _remembered(self, u: Array, t: Array) -> Array:
         if self.memory == "rate":
@@ -176,10 +186,9 @@ class TabulatedLaw(Mechanism):
     def extrapolation(self, recording: Recording) -> tuple[Message, ...]:
         if self.memory != "none" or self.combination == "contrast" or self.change != "none":
             return ()
-        values = recording.column(self.driver)
-        quantity = self.driver
-        if self.combination == "difference":
-            values, quantity = values - recording.column(self.driver_2), f"({self.driver} - {self.driver_2})"
+        values, quantity = recording.column(self.driver), self.driver
+        if self.driver_2:
+            values, quantity = self._of_two(values, recording.column(self.driver_2)), f"({self._driver_stated()})"
         low, high = self.knots[0], self.knots[-1]
         if max(low - values.min(), values.max() - high) <= _FURTHER * (high - low):
             return ()
@@ -195,10 +204,18 @@ class TabulatedLaw(Mechanism):
             ),
         )
 
+    def _driver_stated(self) -> str:
+        one, other = self.driver, self.driver_2
+        of = {
+            "difference": f"{one} - {other}",
+            "contrast": f"contrast of {one} and {other}",
+            "between": f"{one} + {self.share:.4g} ({other} - {one})",
+        }
+        return of.get(self.combination, one)
+
     def stated(self) -> str:
         """The equation with its driver, memory and the size of its table."""
-        of = {"difference": f"{self.driver} - {self.driver_2}", "contrast": f"contrast of {self.driver} and {self.driver_2}"}
-        u = of.get(self.combination, self.driver)
+        u = self._driver_stated()
         what = {
             "none": u,
             "rate": f"slope of {u} over {self.time_s:.4g} s",
