@@ -320,15 +320,15 @@ class States(Members):
         if known is not None:
             again = self.grown_from(self.pruned(region, known, others, noise), region.grow, others, noise)
             grown = max(grown, again, key=lambda one: one[0])
-        if (known is None or not others) and self._near_the_top(region, grown[0], others, noise):
+        if (known is None or not others) and self._near_the_top((*others, grown[1]), noise):
             grown = self.looked_for_anew(region, grown, others, noise)
             self._grown_forms[region.key] = grown[1].form
         return grown[1]
 
-    def _near_the_top(self, region: Region, value: float, others: Set, noise: Noise) -> bool:
-        """Whether a set with a member of a region may become the likeliest: what is far behind is not looked for anew."""
-        point = value + self.log_prior(others) + region.log_odds + LOG_SIZE + self.log_prior_of(noise)
-        return point > max(other.log_posterior for other in self.visited.values()) - WITHIN_REACH
+    def _near_the_top(self, members: Set, noise: Noise) -> bool:
+        """Whether a set may become the likeliest; what is far behind is not looked for anew."""
+        point = self.evidence(noise).log_evidence(members) + self.log_prior(members) + self.log_prior_of(noise)
+        return point > max(state.log_posterior for state in self.visited.values()) - WITHIN_REACH
 
     def _rougher(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
         """The likeliest of the region's forms with departures too many to be screened, where departures are above the noise."""
