@@ -78,6 +78,7 @@ def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> Non
     (law,) = found.to_mapping()["unexplained"]["laws"]
     assert found.verdict == "unknown"
     assert (law["drivers"], law["memory"]) == (["temperature_block_degC", "temperature_shell_degC"], "static")
+    assert "a function of the temperature between temperature_block_degC and temperature_shell_degC" in str(found)
     share = law["parameters"]["w"]
     assert abs(share["value"] - 0.6) < 2.0 * share["sd"] < 0.4
     assert found.test is not None

@@ -30,6 +30,7 @@ _MEANINGS: Final = (
     ("slab", r"\bslab\b", "layer that conducts heat from the driver's side"),
     ("f", r"\bf\(", "smooth function, drawn below with its band"),
     ("s", r"\bs\(", "output of the simulator"),
+    ("w", r"\+ w \(", "how far from the one place to the other, 0 to 1"),
     ("z", r"\bz\b", "inner state of the loop, from -1 to 1"),
 )
 
