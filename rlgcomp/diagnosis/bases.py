@@ -25,6 +25,7 @@ _JITTER: Final = 1e-6
 _WIDTH_RATIO: Final = 1.6  # of correlation lengths, from one point of a grid to the next
 _TIME_RATIO: Final = 1.5  # of time constants, from one point of a grid to the next
 _SHARE: Final = 0.25  # of the way from one column to another, from one point of a grid to the next
+_FARTHEST: Final = 1.5  # from the middle between them: further out it is their difference
 _RESOLVED: Final = 1.3  # knots of a Gaussian process in a correlation length, at least
 _SHAPE_RATIO: Final = 1.5  # of a mechanism's own shape, from one point of the grid to the next
 
@@ -140,7 +141,8 @@ class SmoothBetween(Smooth):
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         driver = self.path.driver
-        moved = (dataclasses.replace(driver, share=driver.share + move) for move in (_SHARE * step, -_SHARE * step))
+        shares = (driver.share + move for move in (_SHARE * step, -_SHARE * step))
+        moved = (dataclasses.replace(driver, share=share) for share in shares if abs(share - 0.5) <= _FARTHEST)
         paths = (dataclasses.replace(self.path, driver=one) for one in moved)
         return *super().nearby(step), *(dataclasses.replace(self, path=path) for path in paths)
 
