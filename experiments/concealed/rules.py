@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 from unittest import mock
@@ -11,12 +10,10 @@ from rlgcomp.diagnosis import decide
 from rlgcomp.diagnosis.posterior import Posterior
 
 Row = Mapping[str, Any]
-OWNED: Final = "a law of the columns and memory of a named mechanism is its form"
 OF_BOTH: Final = "a static member no larger than a static law of its columns and another is a part of that"
 SMALL: Final = "a member below the discrepancy of a named one is its form"
-WANDER: Final = "a wander below the discrepancy of the largest member is not stated"
 WORSE: Final = "a set that leaves more of the training runs than none is not named"
-RULES: Final = (OWNED, SMALL, OF_BOTH, WANDER, WORSE)
+RULES: Final = (SMALL, OF_BOTH, WORSE)
 
 
 def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
@@ -32,10 +29,8 @@ def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
         return {}
     stated = _content(diagnosis.decision)
     decisions = {
-        OWNED: _decided_without(posterior, "_owned"),
         OF_BOTH: _decided_without(posterior, "_of_a_law_of_both"),
         SMALL: _decided_without(posterior, "_discrepancy"),
-        WANDER: _with_wander(diagnosis.decision, posterior),
     }
     if any(remark.code == "diagnosis.worse_in_training" for remark in diagnosis.remarks):
         decisions[WORSE] = decide.decided(posterior)
@@ -46,12 +41,6 @@ def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
 def _decided_without(posterior: Posterior, rule: str) -> decide.Decision:
     with mock.patch.object(decide, rule, _never):
         return decide.decided(posterior)
-
-
-def _with_wander(decision: decide.Decision, posterior: Posterior) -> decide.Decision:
-    if decision.verdict == "none" or posterior.best.key[1] != "wander":
-        return decision
-    return dataclasses.replace(decision, verdict="unknown", wander=True)
 
 
 def _never(*_: Any) -> bool:

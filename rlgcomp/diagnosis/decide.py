@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Final, Literal
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import WANDER, MemoryClass, Region
+from rlgcomp.diagnosis.terms import MemoryClass, Region
 from rlgcomp.physics.mechanism import TABLE_RATE
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]
@@ -67,7 +67,7 @@ class Decision:
     memory : {"static", "dynamic", "rate-independent", "none"}
         Of the first of them.
     wander : bool
-        Something unrecorded wanders, by more than the discrepancy of the largest member.
+        Something unrecorded wanders.
     louder : bool
         The runs are noisier than stated.
     unstated : tuple of str
@@ -96,11 +96,7 @@ def decided(posterior: Posterior) -> Decision:
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
-        if (
-            _owned(region, [posterior.regions[other] for other in regions])
-            or _of_a_law_of_both(region, best, posterior.regions)
-            or _discrepancy(region, best, posterior.regions)
-        ):
+        if _of_a_law_of_both(region, best, posterior.regions) or _discrepancy(region, best, posterior.regions):
             unstated.append(key)
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
@@ -110,19 +106,12 @@ def decided(posterior: Posterior) -> Decision:
     if latent == "telegraph":
         named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
-    largest = max((member.size for member in best.members if member.form.region != WANDER), default=0.0)
-    wanders = latent == "wander" and best.wander > priors.DISCREPANCY * largest
+    wanders = latent == "wander"
     if laws or wanders:
         drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
         return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders, unstated=tuple(unstated))
     open_ones = any(one.indistinguishable_from or one.perhaps_nothing for one in named)
     return Decision("ambiguous" if open_ones else "explained", tuple(named), unstated=tuple(unstated))
-
-
-def _owned(law: Region, regions: Sequence[Region]) -> bool:
-    """Whether a law lies within the region of a named mechanism of the set, columns and memory: a richer form of that."""
-    owners = (set(region.drivers) for region in regions if region.mechanism is not None and region.memory == law.memory)
-    return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)
 
 
 def _of_a_law_of_both(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
