@@ -11,9 +11,10 @@ from rlgcomp.diagnosis.posterior import Posterior
 
 Row = Mapping[str, Any]
 OF_BOTH: Final = "a static member no larger than a static law of its columns and another is a part of that"
+OWNED: Final = "a law of the columns and memory of a named mechanism is its form"
 SMALL: Final = "a member below the discrepancy of a named one is its form"
 WORSE: Final = "a set that leaves more of the training runs than none is not named"
-RULES: Final = (SMALL, OF_BOTH, WORSE)
+RULES: Final = (OWNED, SMALL, OF_BOTH, WORSE)
 
 
 def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
@@ -29,6 +30,7 @@ def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
         return {}
     stated = _content(diagnosis.decision)
     decisions = {
+        OWNED: _decided_without(posterior, "_owned"),
         OF_BOTH: _decided_without(posterior, "_of_a_law_of_both"),
         SMALL: _decided_without(posterior, "_discrepancy"),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, Literal
 
 from rlgcomp.diagnosis import priors
@@ -96,7 +96,11 @@ def decided(posterior: Posterior) -> Decision:
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
-        if _of_a_law_of_both(region, best, posterior.regions) or _discrepancy(region, best, posterior.regions):
+        if (
+            _owned(region, [posterior.regions[other] for other in regions])
+            or _of_a_law_of_both(region, best, posterior.regions)
+            or _discrepancy(region, best, posterior.regions)
+        ):
             unstated.append(key)
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
@@ -112,6 +116,12 @@ def decided(posterior: Posterior) -> Decision:
         return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders, unstated=tuple(unstated))
     open_ones = any(one.indistinguishable_from or one.perhaps_nothing for one in named)
     return Decision("ambiguous" if open_ones else "explained", tuple(named), unstated=tuple(unstated))
+
+
+def _owned(law: Region, regions: Sequence[Region]) -> bool:
+    """Whether a law lies within the region of a named mechanism of the set, columns and memory: a richer form of that."""
+    owners = (set(region.drivers) for region in regions if region.mechanism is not None and region.memory == law.memory)
+    return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)
 
 
 def _of_a_law_of_both(region: Region, state: State, regions: Mapping[str, Region]) -> bool:

@@ -312,17 +312,18 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
             yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")
-    yield from _between(setting)
     pairs = list(itertools.combinations(drivers, 2))
+    odds_of_two = _LAW + math.log(len(drivers) / max(len(pairs), 1))  # together as likely as those of one
+    yield from _between(setting, odds_of_two)
     for one, other in pairs:
         both = (*one.columns, *other.columns)
         key = f"product:{both[0]}:{both[1]}"
         product = Product(Path(one), Path(other))
         families = [Family(f"b = k ({both[0]} - a) ({both[1]} - c)", [(product,)], (Power(Path(one), 2), Power(Path(other), 2)))]
-        yield Region(key, None, _LAW + math.log(len(drivers) / len(pairs)), forms_of(key, families), both)
+        yield Region(key, None, odds_of_two, forms_of(key, families), both)
 
 
-def _between(setting: Setting) -> Iterator[Region]:
+def _between(setting: Setting, log_odds: float) -> Iterator[Region]:
     """Functions of the temperature of a place between two thermometers, or a little beyond one of them."""
     thermometers = [column for column in setting.data.columns if column.startswith("temperature_")]
     for one, other in itertools.combinations(thermometers, 2):
@@ -335,4 +336,4 @@ def _between(setting: Setting) -> Iterator[Region]:
         kin = tuple(Smooth(Path(Driver.of(setting.data, column)), 0.5, 8) for column in (one, other))
         key = f"between:{one}:{other}"
         families = [Family(f"b = f({one} + w ({other} - {one}))", leads, kin)]
-        yield Region(key, None, _LAW, forms_of(key, families), (one, other))
+        yield Region(key, None, log_odds, forms_of(key, families), (one, other))
