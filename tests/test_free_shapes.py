@@ -18,6 +18,7 @@ PROGRAMMES = (
     "start 45, hold 60, ramp 0 1, hold 90, ramp 55 1, hold 90, ramp 15 1, hold 60",
     "start 10, hold 60, ramp 40 1, hold 90, ramp 5 1, hold 60",
 )
+KIN = ("mode_hop", "temperature_rate", "thermal_gradient", "warm_up", "rate_asymmetry")
 FITTED = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, "thermal_lag"]}
 
 
@@ -66,7 +67,10 @@ def test_a_time_constant_is_right_beside_the_hop_that_bends_it_alone() -> None:
 def test_a_hop_beside_a_free_time_constant_is_named_alone() -> None:
     """The time constant calibrated to the hop, a gradient made up for it."""
     runs = hopping()
-    found = diagnose(rlg.Simulator.from_mapping(FITTED), runs[:2], runs[2:], black_box=False)
+    grid = Grid.of(runs)
+    found = diagnose(
+        rlg.Simulator.from_mapping(FITTED), runs[:2], runs[2:], only=KIN, window_s=2.0 * grid.window_s, black_box=False
+    )
     assert [cause.name for cause in found.causes] == ["mode_hop"]
     numbers = found.after.numbers["thermal_lag"]["time_constant_s"]
     assert abs(numbers.value - LAG_S) < 4.0 * numbers.sd + 0.02 * LAG_S
