@@ -33,13 +33,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.combinations import COMBINATIONS, combined
 from rlgcomp.numerics.filters import low_pass
 from rlgcomp.numerics.hysteresis import ColemanHodgdon, play_paths
 from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
 State = Any
-COMBINATIONS: Final = ("column", "difference", "contrast", "between")
 MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "bouc_wen", "coleman", "time")
 FUNCTIONS: Final = ("identity", "power", "magnitude", "table", "decay", "cosine", "sine", "product")
 BOUC_WEN_AGAINST: Final = 0.6  # 0.8 - 0.2: growth of z against the input, over its decay along it
@@ -178,10 +178,7 @@ class PhysicsTerm:
         u = samples[:, self.columns.index(self.driver)]
         if self.combination == "column":
             return u
-        other = samples[:, self.columns.index(self.driver_2)]
-        if self.combination == "between":
-            return u + self.share * (other - u)
-        return u - other if self.combination == "difference" else (u - other) / (u + other)
+        return combined(self.combination, u, samples[:, self.columns.index(self.driver_2)], self.share)
 
     def _remembered(self, state: State, u: Array, step_s: Array) -> tuple[Array, State]:
         match self.memory:

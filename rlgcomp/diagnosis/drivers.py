@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.hashed import Hashed
+from rlgcomp.numerics.combinations import combined
 from rlgcomp.numerics.filters import lag, rate_per_min, read_noise
 
 Array = npt.NDArray[np.float64]
@@ -58,12 +59,7 @@ class Driver(Hashed):
         first = run.column(self.columns[0])
         if self.combination == "column":
             return first
-        second = run.column(self.columns[1])
-        if self.combination == "difference":
-            return first - second
-        if self.combination == "between":
-            return first + self.share * (second - first)
-        return np.asarray((first - second) / (first + second))
+        return combined(self.combination, first, run.column(self.columns[1]), self.share)
 
     def values(self, run: Run) -> Array:
         """In units of its range, shape (bins,)."""

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.errors import InputError
+from rlgcomp.numerics.combinations import COMBINATIONS, combined
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import duhem_paths, middles_of_steps, play_paths
 from rlgcomp.numerics.readings import bin_of_each, readings_of
@@ -19,7 +20,6 @@ from rlgcomp.recording import TIME, Recording
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
-COMBINATIONS: Final = ("column", "difference", "contrast", "between")
 MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "curves", "product", "time", "wave", "growing wave")
 CHANGES: Final = ("none", "derivative", "glitch")
 FUNCTIONS: Final = ("none", "rate", "lag")  # memories whose table is a function of one number
@@ -141,7 +141,7 @@ class TabulatedLaw(Mechanism):
         if self.memory == "product":
             return ((u - knots[0]) * (bins.column(self.driver_2) - knots[1]))[:, None], weights
         if self.combination != "column":
-            u = self._of_two(u, bins.column(self.driver_2))
+            u = combined(self.combination, u, bins.column(self.driver_2), self.share)
         match self.memory:
             case "lags":
                 return np.column_stack([lag(u, t, tau) - u for tau in self.knots]), weights
@@ -155,14 +155,6 @@ class TabulatedLaw(Mechanism):
                 rising, falling = (np.interp(middles, knots, curve)[:, None] for curve in (weights, np.array(self.weights_2)))
                 return duhem_paths(u, self.knots_2[0], rising, falling), np.ones(1)
         return self._interpolated(self._remembered(u, t))[:, None], np.ones(1)
-
-    def _of_two(self, u: Array, other: Array) -> Array:
-        match self.combination:
-            case "difference":
-                return u - other
-            case "between":
-                return u + self.share * (other - u)
-        return (u - other) / (u + other)
 
     def _remembered(self, u: Array, t: Array) -> Array:
         if self.memory == "rate":
@@ -188,7 +180,8 @@ class TabulatedLaw(Mechanism):
             return ()
         values, quantity = recording.column(self.driver), self.driver
         if self.driver_2:
-            values, quantity = self._of_two(values, recording.column(self.driver_2)), f"({self._driver_stated()})"
+            values = combined(self.combination, values, recording.column(self.driver_2), self.share)
+            quantity = f"({self._driver_stated()})"
         low, high = self.knots[0], self.knots[-1]
         if max(low - values.min(), values.max() - high) <= _FURTHER * (high - low):
             return ()
