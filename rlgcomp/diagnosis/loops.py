@@ -203,6 +203,35 @@ def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
     return absorb
 
 
+def as_relays(form: Form, other: Form) -> Form | None:
+    """A form of one relay of a hysteresis with the relays of another form, of a mode hop, in its place; None if that has others."""
+    (one,), relays = form.lead, _single_relays_of(other, form)
+    if relays is None or not isinstance(one, Relays):
+        return None
+    lead = tuple(dataclasses.replace(relay, down=(_wide_enough(relay),), narrowest=one.narrowest, widest=one.widest) for relay in relays)
+    return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_RELAY)
+
+
+def as_hops(form: Form, other: Form) -> Form | None:
+    """A form of one hop with the relays of another form, of a hysteresis, in its place; None if their dead bands are none of a ladder."""
+    relays = _single_relays_of(other, form)
+    if relays is None:
+        return None
+    bands = [relay.up[0] - relay.down[0] for relay in relays]
+    narrowest, widest = (0.0, priors.WIDEST_OF_ONE) if len(relays) == 1 else _dead_bands(max(bands))
+    if not all(narrowest <= band <= widest for band in bands):
+        return None
+    lead = tuple(dataclasses.replace(relay, narrowest=narrowest, widest=widest) for relay in relays)
+    return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_HOP)
+
+
+def _single_relays_of(other: Form, form: Form) -> tuple[Relays, ...] | None:
+    """Leading bases of one form, if all are single relays of the driver of another form's."""
+    drivers = [basis.driver for basis in form.lead if isinstance(basis, Relays)]
+    relays = tuple(basis for basis in other.lead if isinstance(basis, Relays) and _is_single(basis) and [basis.driver] == drivers)
+    return relays if len(relays) == len(other.lead) and not any(relay.histories for relay in relays) else None
+
+
 def _wide_enough(relay: Relays) -> float:
     return min(relay.down[0], relay.up[0] - priors.NARROWEST_LOOP)
 

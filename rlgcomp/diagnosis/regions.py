@@ -17,6 +17,8 @@ from rlgcomp.diagnosis.bases import Basis, Magnitude, Own, Power, Product, Shift
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Combination, Driver, Path
 from rlgcomp.diagnosis.loops import (
+    as_hops,
+    as_relays,
     fewer_relays,
     hops,
     hysteresis,
@@ -180,7 +182,7 @@ def _monitor(path: Path, data: Data) -> list[Family]:
     return [
         Family(f"b = k ({symbol})", [(Power(path),)], kin, 2.0, (Shift,)),
         Family(f"b = f({symbol})", [(Power(path), Smooth(path)), (Power(path, 2),), (Power(path, 3),)], kin),
-        Family(f"b = f({symbol}), finely", [(Smooth(path, 0.15, 20),)], (), 0.5),
+        Family(f"b = f({symbol}), finely", [(Smooth(path, 0.15, 20),), (Power(path, 2), Smooth(path, 0.15, 20))], (), 0.5),
         *nonlinear(path, kin, (Shift,)),
     ]
 
@@ -204,6 +206,7 @@ _GROW: Final = {
 }
 _SHRINK: Final = {"thermal_hysteresis": fewer_relays(priors.LOG_RELAY), "mode_hop": fewer_relays(priors.LOG_HOP)}
 _ABSORB: Final = {"thermal_hysteresis": with_relays}
+_ADOPT: Final = {"thermal_hysteresis": as_relays, "mode_hop": as_hops}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
 
@@ -242,7 +245,8 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
                 absorb = _ABSORB[name](setting) if name in _ABSORB else None
                 rough = rougher if memory == "rate-independent" else None
                 shrink = _SHRINK.get(name)
-                yield Region(name, name, _NAMED, forms, drivers, memory, grow, shrink, absorb, rough)  # type: ignore[arg-type]
+                adopt = _ADOPT.get(name)
+                yield Region(name, name, _NAMED, forms, drivers, memory, grow, shrink, absorb, adopt, rough)  # type: ignore[arg-type]
         elif mechanism().amplitude_parameters():
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
@@ -295,11 +299,14 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,), finer=finer)
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)
-            late: list[tuple[Basis, ...]] = [(Lag(driver, t, times[1] / times[0], behind=False),) for t in times[1::2]]
+            ratio = times[1] / times[0]
+            late: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, behind=False),) for t in times[1::2]]
+            washed_out: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio),) for t in times[1::2]]
             bent: list[tuple[Basis, ...]] = [(Smooth(Path(driver, "lag", t)),) for t in times[1::2]]
             families = [
                 Family(f"b = k lag({column}, time_constant_s)", late, kin),
                 Family(f"b = f(lag({column}, time_constant_s))", bent, kin),
+                Family(f"b = k (lag({column}, time_constant_s) - {column})", washed_out, kin),
             ]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
             families = [

@@ -147,6 +147,7 @@ class Search(States):
             for k in range(len(best.members)):
                 fewer = self._fewer(best, (best.members[k],))
                 self._absorbed(fewer, best.members[k])
+                self._adopted(fewer, best.members[k])
                 others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
                 for child in others[:3]:
                     if self._ahead(child) and child.log_posterior > best.log_posterior - _WITHIN:
@@ -214,6 +215,17 @@ class Search(States):
             if form is not None and self.bank.scaled(form) is not None:
                 members = (*state.members[:k], Member(form, member.size), *state.members[k + 1 :])
                 self.refined(self.converged(members, state.noise))
+
+    def _adopted(self, state: State, dropped: Member) -> None:
+        """A set with a member that was dropped as one of another region, whose own forms lie too far apart to show that it may be."""
+        taken = {member.form.region for member in (*state.members, dropped)}
+        for region in self.regions.values():
+            if region.adopt is None or region.key in taken:
+                continue
+            single = next((form for form in region.forms if self._switches_once(form)), None)
+            form = None if single is None else region.adopt(single, dropped.form)
+            if form is not None and self.bank.scaled(form) is not None:
+                self.refined(self.converged((*state.members, Member(form, dropped.size)), state.noise))
 
     # --- a two-state process beside a set ----------------------------------------------------------------------------------------
 

@@ -98,6 +98,8 @@ class Region:
         Such a richer form with one of its further leading bases less, each in turn.
     absorb : callable, optional
         A form of this region with the leading bases of another region's form as well; None where these are of another cause.
+    adopt : callable, optional
+        One of the region's forms of one leading basis with those of another region's form in its place; None as above.
     rougher : callable, optional
         A form with departures that are too many to be screened; None where it has none.
     propose : callable, optional
@@ -117,6 +119,7 @@ class Region:
     grow: Callable[[Form], Iterable[Form]] | None = None
     shrink: Callable[[Form], Iterable[Form]] | None = None
     absorb: Callable[[Form, Form], Form | None] | None = None
+    adopt: Callable[[Form, Form], Form | None] | None = None
     rougher: Callable[[Form], Form | None] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False
