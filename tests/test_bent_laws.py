@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+import numpy.typing as npt
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
@@ -12,6 +15,7 @@ from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.numerics.filters import lag
 from tests.few_monitors import few_monitors
 
+Array = npt.NDArray[np.float64]
 LAG_S = 900.0
 PROGRAMMES = (
     "start 20, hold 30, ramp -10 1, hold 60, ramp 40 1, hold 60",
@@ -20,7 +24,26 @@ PROGRAMMES = (
 )
 
 
-def diagnosed(column: str, *, lag_s: float, parabola: bool) -> Diagnosis:
+Law = Callable[[Array, Array], Array]
+
+
+def late_and_saturating(level: Array, time_s: Array) -> Array:
+    return np.asarray(np.tanh(1.5 * lag(level, time_s, LAG_S)))
+
+
+def parabola(level: Array, _: Array) -> Array:
+    return np.asarray(0.3 * level**2)
+
+
+def washed_out(level: Array, time_s: Array) -> Array:
+    return np.asarray(level - lag(level, time_s, LAG_S))
+
+
+def bent_with_corners(level: Array, _: Array) -> Array:
+    return np.asarray(0.5 * level**2 + 1.5 * np.maximum(level - 0.4, 0.0) + np.maximum(-0.5 - level, 0.0))
+
+
+def diagnosed(column: str, law: Law, size_deg_h: float = 0.03) -> Diagnosis:
     """Of two runs whose gyro follows a column of its own, tested on a third."""
     noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
@@ -29,8 +52,7 @@ def diagnosed(column: str, *, lag_s: float, parabola: bool) -> Diagnosis:
         run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         drawn = gaussian_filter1d(np.random.default_rng(50 + k).standard_normal(len(run)), 60.0)
         level = drawn / np.std(drawn)
-        late = lag(level, run.time_s - run.time_s[0], lag_s) if lag_s else level
-        answer = 0.03 * (0.3 * late**2 if parabola else np.tanh(1.5 * late))
+        answer = size_deg_h * law(level, run.time_s - run.time_s[0])
         table = run.table.assign(**{column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer})
         runs.append(few_monitors(run.replace(table=table, truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
@@ -39,7 +61,7 @@ def diagnosed(column: str, *, lag_s: float, parabola: bool) -> Diagnosis:
 
 def test_a_column_that_acts_late_and_saturates_is_one_law() -> None:
     """A lag alone left a slow error, or a line, of what saturates."""
-    found = diagnosed("humidity_percent", lag_s=LAG_S, parabola=False)
+    found = diagnosed("humidity_percent", late_and_saturating)
     content = found.to_mapping()["unexplained"]
     assert found.verdict == "unknown"
     assert (content["drivers"], content["memory"]) == (["humidity_percent"], "dynamic")
@@ -55,9 +77,31 @@ def test_a_column_that_acts_late_and_saturates_is_one_law() -> None:
 
 def test_a_parabola_of_a_column_is_a_law_of_that_column_alone() -> None:
     """A product of two columns has a square of each among its departures, and stood in for it."""
-    found = diagnosed("vibration_g", lag_s=0.0, parabola=True)
+    found = diagnosed("vibration_g", parabola)
     content = found.to_mapping()["unexplained"]
     assert (content["drivers"], content["memory"]) == (["vibration_g"], "static")
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
+
+
+def test_what_answers_to_changes_of_a_monitor_is_one_law() -> None:
+    """The monitor's own mechanism was named beside a law of its rate, at probability one."""
+    found = diagnosed("supply_voltage_V", washed_out)
+    content = found.to_mapping()["unexplained"]
+    assert not found.causes
+    assert (content["drivers"], content["memory"]) == (["supply_voltage_V"], "dynamic")
+    (law,) = content["laws"]
+    time_s = law["parameters"]["time_constant_s"]
+    assert abs(time_s["value"] - LAG_S) < 4.0 * time_s["sd"] < 0.2 * LAG_S
+    assert found.test is not None
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
+
+
+def test_a_monitor_through_corners_and_a_bend_is_that_monitor_alone() -> None:
+    """A product of two columns stood in for what a fine function without a trend did not reach."""
+    found = diagnosed("pressure_hPa", bent_with_corners, 0.3)
+    assert found.verdict == "explained"
+    assert [cause.name for cause in found.causes] == ["ambient_pressure"]
     assert found.test is not None
     assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
 

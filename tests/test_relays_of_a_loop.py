@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter1d
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.loops import as_hops, as_relays
+from rlgcomp.diagnosis.memories import Relays
+from rlgcomp.diagnosis.terms import Form
+from rlgcomp.numerics.relays import Start
 from tests.few_monitors import few_monitors
 
 Array = npt.NDArray[np.float64]
@@ -71,3 +81,38 @@ def test_relays_of_a_monitor_are_a_law_of_that_monitor() -> None:
     assert not found.decision.wander
     assert found.test is not None
     assert found.test.augmented_rms < 2.0 * found.test.noise_floor_rms
+
+
+def relay(up: float, down: float, start: Start = "below") -> Relays:
+    driver = Driver(("temperature_block_degC",), centre=20.0, half=25.0)
+    return Relays(driver, (up,), (down,), start, begins=(("run0", 0.1),))
+
+
+def form(region: str, *lead: Relays) -> Form:
+    return Form(region, "b = relays", lead, log_share=-3.0)
+
+
+@given(count=st.integers(1, 3), band=st.floats(0.15, 0.5))
+def test_relays_of_one_dead_band_are_a_ladder_and_a_hysteresis_alike(count: int, band: float) -> None:
+    """Which of the two a likelier form is follows from their priors alone: the columns are the same."""
+    levels = [-0.7 + 0.6 * k for k in range(count)]
+    one_loop = form("thermal_hysteresis", dataclasses.replace(relay(0.0, 0.0), narrowest=priors.NARROWEST_LOOP))
+    hops = form("mode_hop", *(relay(level, level - band) for level in levels))
+    as_loop = as_relays(one_loop, hops)
+    assert as_loop is not None
+    assert [(r.up, r.down, r.start, r.opposite) for r in as_loop.lead] == [(r.up, r.down, r.start, r.opposite) for r in hops.lead]
+    assert as_loop.log_share == pytest.approx(-3.0 + (len(levels) - 1) * priors.LOG_RELAY)
+    again = as_hops(form("mode_hop", relay(0.0, 0.0)), as_loop)
+    assert again is not None
+    assert [(r.up, r.down) for r in again.lead] == [(r.up, r.down) for r in hops.lead]
+    assert all(r.narrowest <= r.up[0] - r.down[0] <= r.widest for r in again.lead)
+
+
+def test_a_ladder_has_one_dead_band_that_overlaps_none_and_a_hop_none_wider_than_half_of_half_the_range() -> None:
+    single, narrow = form("mode_hop", relay(0.0, 0.0)), priors.NARROWEST_LOOP
+    assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, 0.2))) is None
+    assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, -0.3))) is None
+    assert as_hops(single, form("thermal_hysteresis", relay(0.3, -0.3))) is None
+    widened = as_relays(form("thermal_hysteresis", dataclasses.replace(relay(0.0, 0.0), narrowest=narrow)), form("", relay(0.3, 0.29)))
+    assert widened is not None
+    assert widened.lead[0].up[0] - widened.lead[0].down[0] == pytest.approx(narrow)  # type: ignore[attr-defined]

@@ -219,7 +219,8 @@ def as_hops(form: Form, other: Form) -> Form | None:
         return None
     bands = [relay.up[0] - relay.down[0] for relay in relays]
     narrowest, widest = (0.0, priors.WIDEST_OF_ONE) if len(relays) == 1 else _dead_bands(max(bands))
-    if not all(narrowest <= band <= widest for band in bands):
+    pairs = itertools.combinations(relays, 2)
+    if not all(narrowest <= b <= widest for b in bands) or not all(_apart(a.up[0], b.up[0], max(bands)) for a, b in pairs):
         return None
     lead = tuple(dataclasses.replace(relay, narrowest=narrowest, widest=widest) for relay in relays)
     return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_HOP)
@@ -279,11 +280,16 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         ladder = [dataclasses.replace(relay, narrowest=narrowest, widest=widest) for relay in ladder]
         share = form.log_share + priors.LOG_HOP
         for level in levels:
-            if all(abs(level - relay.up[0]) > 1.0 / len(levels) for relay in ladder):
+            if all(_apart(level, relay.up[0], band) for relay in ladder):
                 more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=())
                 yield dataclasses.replace(form, lead=(*ladder, more), log_share=share)
 
     return grow
+
+
+def _apart(one: float, other: float, band: float) -> bool:
+    """Whether hops at two levels are those of one ladder: where wide dead bands overlap, relays are those of a hysteresis."""
+    return abs(one - other) > (band if band > priors.WIDEST_DEAD_BAND else 1.0 / priors.THRESHOLDS)
 
 
 def _dead_bands(band: float) -> tuple[float, float]:

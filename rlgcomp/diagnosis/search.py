@@ -113,12 +113,19 @@ class Search(States):
                 best = dataclasses.replace(state, members=(*others, found[1]), noise=noise, log_point=point)
         return best
 
-    def _pairs(self, state: State) -> list[State]:
-        """A state with the likeliest pairs of further regions that no step over one of them has led to; under little noise."""
+    def _pairs(self, state: State, *without: str) -> list[State]:
+        """A state with the likeliest pairs of further regions that no step over one of them has led to; under little noise.
+
+        Parameters
+        ----------
+        state : State
+        without : str
+            Regions that are not tried.
+        """
         noise = self.calmest(state.noise.errors)
         given = self.given(noise, state.members)
         taken = {member.form.region for member in state.members}
-        forms = self._candidates(given, noise, taken)
+        forms = self._candidates(given, noise, taken | set(without))
         if len({form.region for form in forms}) < 2:
             return []
         offset = self.log_prior(state.members) + self.log_prior_of(noise)
@@ -148,6 +155,7 @@ class Search(States):
                 fewer = self._fewer(best, (best.members[k],))
                 self._absorbed(fewer, best.members[k])
                 self._adopted(fewer, best.members[k])
+                self._pairs(fewer, best.members[k].form.region)
                 others = sorted(self.expanded(fewer), key=lambda child: child.log_posterior, reverse=True)
                 for child in others[:3]:
                     if self._ahead(child) and child.log_posterior > best.log_posterior - _WITHIN:
