@@ -59,6 +59,9 @@ DISCREPANCY: Final = 0.12
 """Departure of a law from its equation over its own size: equations of the literature, fitted to other laws of the same cause,
 leave 5 to 20 per cent."""
 
+LEADING: Final = 1.0
+"""Standard deviation of the logarithm of a form's leading strength over its own, below it: sizes are a factor of three apart."""
+
 # --- forms ---------------------------------------------------------------------------------------------------------------------
 
 SMOOTH_KNOTS: Final = 12

@@ -203,17 +203,19 @@ class Search(States):
         if not self.is_law(law.key) or len(set(law.drivers)) != 2:
             return
         members = fewer.members
-        named = {self.regions[member.form.region].drivers for member in members if not self.is_law(member.form.region)}
         for column in law.drivers:
-            if (column,) in named:
+            if any(self._names(member, column) for member in members):
                 continue
-            alone = (child for child in others if self.regions[child.members[-1].form.region].drivers == (column,))
-            child = next((child for child in alone if not self.is_law(child.members[-1].form.region)), None)
+            child = next((child for child in others if self._names(child.members[-1], column)), None)
             if child is not None:
                 members = (*members, child.members[-1])
         noise = fewer.noise
         if len(members) > len(fewer.members) and State(members, noise, 0.0).key not in self.visited:
             self.refined(self.converged(members, noise))
+
+    def _names(self, member: Member, column: str) -> bool:
+        """Whether a member is no law, and acts by a column."""
+        return not self.is_law(member.form.region) and column in self.regions[member.form.region].drivers
 
     def _absorbed(self, state: State, dropped: Member) -> None:
         """A set whose members take up the leading bases of one that was dropped, where these may be of their cause as well."""

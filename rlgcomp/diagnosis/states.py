@@ -112,7 +112,8 @@ class States(Members):
             if nearer == best:
                 break
             best = nearer
-        state = State(members, best, found[best], log_sum(found.values()) - found[best])
+        leading = self.evidence(best).log_leading(members)
+        state = State(members, best, found[best] + leading, log_sum(found.values()) - found[best])
         self.visit(state)
         return state
 
