@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.numerics.filters import rate_window_s, read_noise
-from rlgcomp.numerics.hysteresis import STARTS, Preisach
+from rlgcomp.numerics.hysteresis import STARTS, Preisach, exponential_radii
 from rlgcomp.numerics.relays import STARTS as LAW_STARTS
 from rlgcomp.physics.ageing import Ageing
 from rlgcomp.physics.ambient_pressure import AmbientPressure
@@ -102,7 +102,7 @@ def _hysteresis(mechanism: ThermalHysteresis, columns: Columns, runs: Sequence[R
         radii = [share * mechanism.radius_K for share in (0.25, 0.5, 1.0)]
         return [{**common, "memory": "plays", "knots": (radius,), "weights": (1.0,)} for radius in radii]
     if mechanism.law == "plays":
-        spread = -mechanism.radius_K * np.log((np.arange(RADII) + 0.5) / RADII)
+        spread = exponential_radii(mechanism.radius_K, RADII)
         return [{**common, "memory": "plays", "knots": _numbers(spread), "weights": (1.0 / RADII,) * RADII}]
     if mechanism.law == "preisach":
         half = 0.5 * mechanism.span_K

@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.memories import (
     Preisach,
     Relays,
     Undecided,
+    after_rest,
     one_after_the_other,
     plane,
 )
@@ -124,9 +125,22 @@ def hysteresis(setting: Setting) -> list[Family]:
     names = tuple(run.name for run in setting.data.runs)
     return [
         *families,
+        *_from_rest(families, kin),
         _followed(driver, kin),
         _of_curves(driver, kin, names),
     ]
+
+
+def _from_rest(families: Sequence[Family], kin: tuple[Basis, ...]) -> list[Family]:
+    """Plays and densities of relays once more, each run from a rest at one value: that of the room, from which a chamber begins."""
+    found = []
+    for family in families:
+        rested = [lead for lead in family.leads if len(lead) == 1 and isinstance(lead[0], Plays | Preisach) and not lead[0].histories]
+        leads: list[tuple[Basis, ...]] = [
+            (dataclasses.replace(basis, histories=after_rest(at)),) for (basis,) in rested for at in priors.RESTS
+        ]
+        found.append(Family(f"{family.equation}, each run from a rest at one value", leads, kin))
+    return found
 
 
 def _followed(driver: Driver, kin: tuple[Basis, ...]) -> Family:

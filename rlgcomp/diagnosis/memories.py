@@ -15,7 +15,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, gaussian_process, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import BEYOND, Driver
-from rlgcomp.numerics.hysteresis import ColemanHodgdon, duhem_paths, middles_of_steps, play_paths
+from rlgcomp.numerics.hysteresis import ColemanHodgdon, duhem_paths, exponential_radii, middles_of_steps, play_paths
 from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +29,6 @@ _KNOTS: Final = 24  # of a smooth density, along the middles of loops and along 
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
-_SPREAD: Final = 10  # radii of a mean over plays
 _AFTER: Final = ""  # the name of a run after all others
 _CURVES: Final = 2.2  # of radii and widths of a curve that is followed, from one point of their grid to the next
 _LEAST_TURN: Final = 0.02  # of a driver's half range: no relay that matters is narrower
@@ -153,7 +152,7 @@ class Plays(Basis):
 
     def _radii(self, radius: float) -> Array:
         """Radii spread exponentially about one, and that one."""
-        return radius * np.r_[-np.log((np.arange(_SPREAD) + 0.5) / _SPREAD), 1.0]
+        return np.r_[exponential_radii(radius), radius]
 
     def _states(self, run: Run, radii: Array) -> Array:
         before = _before(run, self.histories)
@@ -162,7 +161,8 @@ class Plays(Basis):
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         ratio = priors.RADII[1] / priors.RADII[0]
-        return tuple(dataclasses.replace(self, radius=self.radius * f) for f in (ratio**step, ratio**-step))
+        radii = (dataclasses.replace(self, radius=self.radius * f) for f in (ratio**step, ratio**-step))
+        return *radii, *(dataclasses.replace(self, histories=rest) for rest in _rests(self.histories, step))
 
     def parameters(self) -> dict[str, float]:
         return {"radius": self.driver.half * self.radius}
@@ -257,6 +257,9 @@ class Preisach(Basis):
 
     def columns(self, run: Run) -> Array:
         return self._sums(run, self.densities())
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, histories=rest) for rest in _rests(self.histories, step))
 
     def weighted(self, run: Run, weights: Array) -> Array:
         return self._sums(run, (self.densities() @ weights)[:, None])[:, 0]
@@ -377,6 +380,19 @@ def one_after_the_other(driver: Driver, runs: Sequence[Run]) -> Histories:
         found.append((run.name, turns))
         turns = turning_points(np.r_[turns, driver.values(run)], _LEAST_TURN)
     return (*found, (_AFTER, turns))
+
+
+def after_rest(value: float) -> Histories:
+    """Histories of runs before each of which a driver rested at a value."""
+    return ((_AFTER, (value,)),)
+
+
+def _rests(histories: Histories, step: float) -> tuple[Histories, ...]:
+    """Rests so many steps of their grid beside one; none beside other histories."""
+    if len(histories) != 1 or histories[0][0] != _AFTER or len(histories[0][1]) != 1:
+        return ()
+    (value,) = histories[0][1]
+    return tuple(after_rest(value + move) for move in (priors.RESTS_APART * step, -priors.RESTS_APART * step))
 
 
 def sides(up: Array, down: Array, start: Start, histories: Histories) -> dict[Start, npt.NDArray[np.bool_]]:

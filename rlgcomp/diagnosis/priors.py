@@ -88,6 +88,10 @@ relays are laid a twelfth of the range apart; one with a narrower one than the f
 range is that of the runs."""
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
+RESTS: Final = (-0.6, 0.0, 0.6)
+RESTS_APART: Final = 0.6
+"""Where a driver rested before it went to the first value of each run, over half its range: units wait at the temperature of the
+room, which programmes begin beside or far from."""
 CURVE_RADII: Final = (0.06, 0.14, 0.3, 0.7)
 CURVE_CENTRES: Final = (-0.6, -0.3, 0.0, 0.3, 0.6)
 CURVE_WIDTHS: Final = (0.15, 0.35, 0.8)

@@ -109,6 +109,11 @@ def play_paths(u: Array, radii: Array, start: Array) -> Array:
     return states
 
 
+def exponential_radii(mean: float, count: int = 10) -> Array:
+    r"""Radii of plays that spread exponentially about a mean: the middles of `count` equal shares of :math:`e^{-r / \bar r}`."""
+    return np.asarray(-mean * np.log((np.arange(count) + 0.5) / count))
+
+
 @dataclasses.dataclass(frozen=True)
 class Preisach:
     r"""Preisach's sum of relays on a triangular grid of thresholds.

@@ -9,7 +9,7 @@ from typing import Final, Self
 import numpy as np
 
 from rlgcomp.numerics.filters import read_noise
-from rlgcomp.numerics.hysteresis import BEGUN, STARTS, BoucWen, ColemanHodgdon, Play, Preisach, play_paths
+from rlgcomp.numerics.hysteresis import BEGUN, STARTS, BoucWen, ColemanHodgdon, Play, Preisach, exponential_radii, play_paths
 from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, Parameter, amplitude, setting, shape
 from rlgcomp.recording import Recording
 
@@ -93,7 +93,7 @@ class ThermalHysteresis(Mechanism):
             states, _ = play.run(play.init(temperature[0], swept), temperature)
             return np.asarray(states - temperature[:, None])
         if self.law == "plays":
-            radii = -self.radius_K * np.log((np.arange(RADII) + 0.5) / RADII)
+            radii = exponential_radii(self.radius_K, RADII)
             states = play_paths(temperature[:, None], radii, temperature[0] - swept * radii)
             return np.asarray((states.mean(axis=1) - temperature)[:, None])
         if self.law == "preisach":
