@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Shift, Smooth
+from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Power, Shift, Smooth
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.memories import (
@@ -102,8 +102,8 @@ def rougher(form: Form) -> Form | None:
     return dataclasses.replace(form, smooth=(rough, *smooth))
 
 
-def reversible(driver: Driver, levels: int) -> Family:
-    """Relays of smooth density and a function without memory of the same driver: what switches back at once is part of a loop.
+def reversible(driver: Driver, levels: int) -> list[Family]:
+    """Relays of smooth density, or plays, and a function without memory of the same driver: what goes back at once is part of a loop.
 
     M. Krasnosel'skii, A. Pokrovskii, Systems with Hysteresis, Springer, 1989; Mayergoyz calls it the reversible component.
 
@@ -114,7 +114,12 @@ def reversible(driver: Driver, levels: int) -> Family:
         Of the Preisach plane.
     """
     leads: list[tuple[Basis, ...]] = [(Preisach(driver, r, True, w, levels), Smooth(Path(driver))) for r, w in _DENSITIES]
-    return Family("b = f(u) + relays of smooth density", leads, _departures_of_loops(driver, levels))
+    plays: list[tuple[Basis, ...]] = [(Plays(driver, r, True), Power(Path(driver))) for r in priors.RADII]
+    kin = _departures_of_loops(driver, levels)
+    return [
+        Family("b = f(u) + relays of smooth density", leads, kin),
+        Family("b = k u + mean over exponential radii of play(u; r) - u", plays, kin),
+    ]
 
 
 def hysteresis(setting: Setting) -> list[Family]:

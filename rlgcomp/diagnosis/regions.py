@@ -311,7 +311,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
             families = [
                 *hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS, priors.LAW_RELAYS),
-                reversible(driver, priors.LAW_LEVELS),
+                *reversible(driver, priors.LAW_LEVELS),
             ]
             forms = forms_of(f"loop:{column}", families)
             grow, shrink = more_relays(driver, setting.data.runs), fewer_relays(priors.LOG_RELAY)
