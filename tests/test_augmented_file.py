@@ -17,7 +17,7 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays
+from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays, after_rest
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
@@ -76,6 +76,7 @@ def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
         "lags": (Lag(block, 900.0, 1.4), Conduction(block, 4000.0, True, 1.4), Spectrum(block, times)),
         "distributed lags": (Distributed(block, 1500.0, 0.6, 1.4),),
         "plays": (Plays(block, 0.2, True), Plays(block, 0.3, False, "above")),
+        "a rest": (Plays(block, 0.3, True, histories=after_rest(-0.5)), Preisach(block, 0.6, False, histories=after_rest(0.4))),
         "relays": (hop, Shift(hop), Glitch(hop)),
         "curves": (Curves(block, 0.4),),
         "density": (Preisach(block, 0.6, True, 0.5, 20),),
@@ -86,8 +87,8 @@ def forms_of(data: Data) -> dict[str, tuple[Any, ...]]:
 
 
 @pytest.mark.parametrize("name", [
-    "polynomial and smooth", "difference", "contrast", "between", "nonlinearities", "rate", "late", "lags", "plays", "relays",
-    "density", "curves", "distributed lags", "product", "time", "waves",
+    "polynomial and smooth", "difference", "contrast", "between", "nonlinearities", "rate", "late", "lags", "plays", "a rest",
+    "relays", "density", "curves", "distributed lags", "product", "time", "waves",
 ])  # fmt: skip
 def test_every_form_is_written_and_predicts_the_same(name: str, runs: list[Recording], root: Data, tmp_path: File) -> None:
     bases = forms_of(root)[name]

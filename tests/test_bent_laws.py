@@ -103,7 +103,7 @@ def test_a_monitor_through_corners_and_a_bend_is_that_monitor_alone() -> None:
     assert found.verdict == "explained"
     assert [cause.name for cause in found.causes] == ["ambient_pressure"]
     assert found.test is not None
-    assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
+    assert found.test.augmented_rms < 0.1 * found.test.baseline_rms
 
 
 def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> None:

@@ -12,14 +12,28 @@ from hypothesis import strategies as st
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.loops import rougher
-from rlgcomp.diagnosis.memories import Plays, Preisach, Undecided, dense, one_after_the_other, plane, relays, sides
+from rlgcomp.diagnosis.memories import (
+    Plays,
+    Preisach,
+    Undecided,
+    after_rest,
+    dense,
+    one_after_the_other,
+    plane,
+    relays,
+    rest_of,
+    sides,
+)
 from rlgcomp.diagnosis.selections import OnlyIn
 from rlgcomp.diagnosis.terms import Form
+from rlgcomp.numerics.hysteresis import play_paths
 from rlgcomp.numerics.relays import Switches, relay_states, states_after, states_before, turning_points
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 
 PROGRAMMES = (
     "start 20, ramp -30 1.5, hold 20, ramp 50 1.5, hold 20, ramp 10 1, hold 20",
@@ -123,6 +137,48 @@ def test_a_play_goes_on_from_the_run_before(recordings: list[Recording], spread:
     if not spread:
         np.testing.assert_allclose(after.columns(data.runs[1])[:, 0], path[data.runs[0].bins :], atol=1e-2)
     assert np.max(np.abs(alone.columns(data.runs[1]) - after.columns(data.runs[1]))) > 0.05
+
+
+@pytest.mark.parametrize("rest", [-0.7, 0.1, 0.9])
+def test_a_rest_elsewhere_is_a_way_from_there_to_the_first_value(recordings: list[Recording], rest: float) -> None:
+    data = data_of(recordings)
+    driver = Driver.of(data, "temperature_block_degC")
+    run = data.runs[1]
+    values = driver.values(run)
+    path = np.r_[np.linspace(rest, values[0], 40), values]
+    play = Plays(driver, 0.4, False, histories=after_rest(rest))
+    state, expected = rest, []
+    for value in path:
+        state = min(max(state, value - 0.4), value + 0.4)
+        expected.append(state - value)
+    np.testing.assert_allclose(play.columns(run)[:, 0], expected[40:], atol=1e-12)
+    density = Preisach(driver, 0.6, False, levels=20, histories=after_rest(rest))
+    up, down = dense(20)
+    on = (rest >= 0.5 * (up + down)).astype(float)
+    whole = (relay_states(path, up, down, on) - 0.5) @ density.densities()
+    np.testing.assert_allclose(density.columns(run)[1:], whole[41:], atol=1e-6 * np.ptp(whole))
+    assert rest_of(play) == pytest.approx(driver.centre + driver.half * rest)
+
+
+def test_a_unit_that_rests_in_the_laboratory_before_each_run_is_predicted() -> None:
+    """Histories of their own, or one run after the other, fitted the training runs as well and left all of a further run."""
+    noise = {"angle_random_walk_deg_sqrt_h": 4e-4}
+    plant = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = plant.simulate(programme, seed=40 + k, step_s=20.0, name=f"run{k}")
+        block, radii = run.column("temperature_block_degC"), np.linspace(2.0, 30.0, 15)
+        path = np.r_[np.linspace(23.0, block[0], 50), block]
+        plays = play_paths(path[:, None], radii, np.full(15, 23.0))[50:].mean(axis=1)
+        runs.append(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + 2e-3 * (plays - block)), truth=None))
+    fitted = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
+    found = diagnose(fitted, [few_monitors(run) for run in runs[:2]], [few_monitors(runs[2])], black_box=False)
+    assert [cause.name for cause in found.causes] == ["thermal_hysteresis"]
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
+    (rested,) = (one for one in found.remarks if one.code == "diagnosis.rested")
+    assert abs(rested.data["value"] - 23.0) < 5.0
 
 
 @pytest.mark.parametrize(("compiled", "every"), [("1", 1), ("0", 8)])

@@ -51,6 +51,7 @@ LAWS = (
     TabulatedLaw(cause="a rate", driver=T, memory="rate", time_s=600.0, knots=(-2.0, 0.0, 2.0), weights=(1e-3, 0.0, 3e-3)),
     TabulatedLaw(cause="a ladder", driver=T, memory="lags", knots=(100.0, 2000.0), weights=(1e-4, -2e-4)),
     TabulatedLaw(cause="plays", driver=T, memory="plays", knots=(1.0, 9.0), weights=(1e-4, 2e-4), start="below"),
+    TabulatedLaw(cause="a rest", driver=T, memory="plays", knots=(1.0, 9.0), knots_2=(24.5, 21.0), weights=(1e-4, 2e-4)),
     TabulatedLaw(
         cause="relays", driver=T, memory="relays", knots=(20.0, 45.0), knots_2=(5.0, 30.0), weights=(1e-3, -2e-3), start="above"
     ),
@@ -172,6 +173,7 @@ def test_the_causal_form_is_the_mechanism_but_for_what_looks_ahead(runs: list[rl
         ({"memory": "rate"}, "time_s"),
         ({"memory": "plays", "knots": (1.0,), "weights": ()}, "knots"),
         ({"memory": "plays", "knots": (-1.0,), "weights": (1.0,)}, "knots"),
+        ({"memory": "plays", "knots": (1.0,), "knots_2": (1.0, 2.0), "weights": (1.0,)}, "knots_2"),
         ({"memory": "relays", "knots": (1.0,), "knots_2": (2.0,), "weights": (1.0,)}, "knots_2"),
         ({"function": "table", "table": (1.0, 0.0), "values": (0.0, 0.0), "cubics": (0.0,) * 4}, "table"),
         ({"function": "decay", "table": (-1.0,), "values": (1.0,)}, "table"),

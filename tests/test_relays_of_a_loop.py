@@ -113,6 +113,8 @@ def test_a_ladder_has_one_dead_band_that_overlaps_none_and_a_hop_none_wider_than
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, 0.2))) is None
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, -0.3))) is None
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, -0.3))) is None
-    widened = as_relays(form("thermal_hysteresis", dataclasses.replace(relay(0.0, 0.0), narrowest=narrow)), form("", relay(0.3, 0.29)))
+    widened = as_relays(
+        form("thermal_hysteresis", dataclasses.replace(relay(0.0, 0.0), narrowest=narrow)), form("", relay(0.3, 0.29))
+    )
     assert widened is not None
     assert widened.lead[0].up[0] - widened.lead[0].down[0] == pytest.approx(narrow)  # type: ignore[attr-defined]

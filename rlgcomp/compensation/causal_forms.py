@@ -182,7 +182,8 @@ def _law(mechanism: TabulatedLaw, columns: Columns, runs: Sequence[Recording]) -
     if mechanism.memory == "lags":
         return [signal | {"memory": "lags", "knots": mechanism.knots, "weights": mechanism.weights}]
     if mechanism.memory == "plays":
-        return [signal | {"memory": "plays", "start": start, "knots": mechanism.knots, "weights": mechanism.weights}]
+        tables = {"knots": mechanism.knots, "knots_2": mechanism.knots_2, "weights": mechanism.weights}
+        return [signal | {"memory": "plays", "start": start, **tables}]
     if mechanism.memory == "relays":
         tables = {"knots": mechanism.knots, "knots_2": mechanism.knots_2, "weights": mechanism.weights}
         if mechanism.start != "unknown":

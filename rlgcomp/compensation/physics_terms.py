@@ -9,7 +9,7 @@ none       m = u
 rate       m = 60 (u - u_tau) / tau, per minute, with the first-order low-pass filter u_tau of `time_s`
 lag        m = u_tau
 lags       :math:`m = \sum_j w_j (u_{\tau_j} - u)`, time constants as knots
-plays      :math:`m = \sum_j w_j (P_{r_j}[u] - u)`, play operators with radii as knots
+plays      :math:`m = \sum_j w_j (P_{r_j}[u] - u)`, radii as knots; in `knots_2` where they stood before, if known
 relays     :math:`m = \sum_j w_j z_j`, relays on from `knots` upwards until `knots_2` downwards
 bouc_wen   m = z of Bouc and Wen's law with slope 1, knots (w, saturation), exact between samples, behind a play operator of
            radius w, which holds the read noise back
@@ -133,7 +133,7 @@ class PhysicsTerm:
         elif self.memory == "lags":
             memory = [u] * len(self.knots)
         elif self.memory == "plays":
-            memory = u - self.start * np.array(self.knots)
+            memory = np.array(self.knots_2) if self.knots_2 else u - self.start * np.array(self.knots)
         elif self.memory == "relays":
             memory = (u >= np.array(self.levels)).astype(np.float64)
         elif self.memory in ("bouc_wen", "coleman"):
@@ -315,6 +315,7 @@ class PhysicsTerm:
             self._require(len(self.knots) == _SMOOTH[self.memory] and self.knots[0] >= 0.0, "knots")
             self._require(self.knots[1] > 0.0 and self.knots[-1] > 0.0 and not (self.knots_2 or self.weights), "knots")
         used = _TABLES.get(self.memory, ())
+        used = (*used, "knots_2") if self.memory == "plays" and self.knots_2 else used
         for name in ("knots", "knots_2", "weights") if self.memory not in _SMOOTH else ():
             self._require(len(getattr(self, name)) == (len(self.weights) if name in used else 0), name)
         self._require(not used or bool(self.weights), "weights")

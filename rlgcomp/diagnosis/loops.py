@@ -103,7 +103,7 @@ def rougher(form: Form) -> Form | None:
 
 
 def reversible(driver: Driver, levels: int) -> list[Family]:
-    """Relays of smooth density, or plays, and a function without memory of the same driver: what goes back at once is part of a loop.
+    """Relays of smooth density, or plays, and a function without memory: what goes back at once is part of a loop.
 
     M. Krasnosel'skii, A. Pokrovskii, Systems with Hysteresis, Springer, 1989; Mayergoyz calls it the reversible component.
 
@@ -140,9 +140,10 @@ def _from_rest(families: Sequence[Family], kin: tuple[Basis, ...]) -> list[Famil
     """Plays and densities of relays once more, each run from a rest at one value: that of the room, from which a chamber begins."""
     found = []
     for family in families:
-        rested = [lead for lead in family.leads if len(lead) == 1 and isinstance(lead[0], Plays | Preisach) and not lead[0].histories]
+        alone = [lead[0] for lead in family.leads if len(lead) == 1]
+        rested = [basis for basis in alone if isinstance(basis, Plays | Preisach) and not basis.histories]
         leads: list[tuple[Basis, ...]] = [
-            (dataclasses.replace(basis, histories=after_rest(at)),) for (basis,) in rested for at in priors.RESTS
+            (dataclasses.replace(basis, histories=after_rest(at)),) for basis in rested for at in priors.RESTS
         ]
         found.append(Family(f"{family.equation}, each run from a rest at one value", leads, kin))
     return found
@@ -227,12 +228,14 @@ def as_relays(form: Form, other: Form) -> Form | None:
     (one,), relays = form.lead, _single_relays_of(other, form)
     if relays is None or not isinstance(one, Relays):
         return None
-    lead = tuple(dataclasses.replace(relay, down=(_wide_enough(relay),), narrowest=one.narrowest, widest=one.widest) for relay in relays)
+    lead = tuple(
+        dataclasses.replace(relay, down=(_wide_enough(relay),), narrowest=one.narrowest, widest=one.widest) for relay in relays
+    )
     return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_RELAY)
 
 
 def as_hops(form: Form, other: Form) -> Form | None:
-    """A form of one hop with the relays of another form, of a hysteresis, in its place; None if their dead bands are none of a ladder."""
+    """A form of one hop with the relays of another form, of a hysteresis, in its place; None if these are no ladder."""
     relays = _single_relays_of(other, form)
     if relays is None:
         return None

@@ -150,6 +150,15 @@ class Plays(Basis):
         """Radii of its plays in units of the driver's range, spread exponentially, and last the one radius."""
         return self._radii(self.radius)
 
+    def before(self) -> Array:
+        """Where its plays stand before a further run, in units of the driver's range; none where that hangs on its first value."""
+        after = dict(self.histories).get(_AFTER, ())
+        if not after:
+            return np.empty(0)
+        radii, values = self.radii(), np.array(after)
+        states = play_paths(values[:, None], radii, values[0] - STARTS[self.start] * radii)[-1]
+        return np.asarray(states[:-1] if self.spread else states[-1:])
+
     def _radii(self, radius: float) -> Array:
         """Radii spread exponentially about one, and that one."""
         return np.r_[exponential_radii(radius), radius]
@@ -387,12 +396,22 @@ def after_rest(value: float) -> Histories:
     return ((_AFTER, (value,)),)
 
 
+def rest_of(basis: Plays | Preisach) -> float | None:
+    """Where its driver rested before each run, in the driver's unit; None of other histories."""
+    value = _one_rest(basis.histories)
+    return None if value is None else basis.driver.centre + basis.driver.half * value
+
+
+def _one_rest(histories: Histories) -> float | None:
+    """Where a driver rested before each run; None of other histories."""
+    return histories[0][1][0] if len(histories) == 1 and histories[0][0] == _AFTER and len(histories[0][1]) == 1 else None
+
+
 def _rests(histories: Histories, step: float) -> tuple[Histories, ...]:
     """Rests so many steps of their grid beside one; none beside other histories."""
-    if len(histories) != 1 or histories[0][0] != _AFTER or len(histories[0][1]) != 1:
-        return ()
-    (value,) = histories[0][1]
-    return tuple(after_rest(value + move) for move in (priors.RESTS_APART * step, -priors.RESTS_APART * step))
+    value = _one_rest(histories)
+    moves = () if value is None else (value + priors.RESTS_APART * step, value - priors.RESTS_APART * step)
+    return tuple(after_rest(moved) for moved in moves)
 
 
 def sides(up: Array, down: Array, start: Start, histories: Histories) -> dict[Start, npt.NDArray[np.bool_]]:

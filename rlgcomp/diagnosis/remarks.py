@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.errors import within
 from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.fit import Estimate
 from rlgcomp.diagnosis.lateness import LATE, LATE_MONITOR, LATE_THERMOMETER
+from rlgcomp.diagnosis.memories import Plays, Preisach, rest_of
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import Score
@@ -121,6 +122,7 @@ def remarks(record: Record) -> tuple[Message, ...]:
         *_black_box(record),
         *_gain_of_numbers(record),
         *_selections(record),
+        *_rests(record),
         *_baseline(record),
         *_forms(record),
         *_extrapolations(record),
@@ -283,6 +285,19 @@ def _selections(record: Record) -> Iterator[Message]:
         elif cause.runs:
             told = {"opposite_in": cause.opposite_in, "has_mean": cause.has_mean}
             yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit, **told)
+
+
+def _rests(record: Record) -> Iterator[Message]:
+    """Where the driver of a hysteresis seems to have rested before every run."""
+    names = {cause.name for cause in record.members}
+    for member in record.after.state.members:
+        for basis in member.form.lead:
+            rest = rest_of(basis) if member.form.region in names and isinstance(basis, Plays | Preisach) else None
+            if rest is not None:
+                (column,) = basis.driver.columns  # type: ignore[attr-defined]
+                yield message(
+                    "diagnosis.rested", mechanism=member.form.region, column=column, value=rest, unit=display_unit(column)
+                )
 
 
 def _forms(record: Record) -> Iterator[Message]:

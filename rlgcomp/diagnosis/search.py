@@ -227,7 +227,7 @@ class Search(States):
                 self.refined(self.converged(members, state.noise))
 
     def _adopted(self, state: State, dropped: Member) -> None:
-        """A set with a member that was dropped as one of another region, whose own forms lie too far apart to show that it may be."""
+        """A set with a member that was dropped as one of another region, whose own forms lie too far apart to show it."""
         taken = {member.form.region for member in (*state.members, dropped)}
         for region in self.regions.values():
             if region.adopt is None or region.key in taken:

@@ -288,6 +288,7 @@ class _Written:
                 radii = radii[:-1] if basis.spread else radii[-1:]
                 each = np.full(len(radii), float(weights[0]) / basis.driver.half / len(radii))
                 of = _driver(basis.driver) | {"memory": "plays", "start": basis.start}
+                of["knots_2"] = tuple((basis.driver.centre + basis.driver.half * basis.before()).tolist())
                 return [law(**of, knots=tuple(radii.tolist()), weights=tuple(each.tolist()))], True
             case Relays() | Preisach() | Curves():
                 return _of_loops(law, basis, weights), True

@@ -44,7 +44,7 @@ class TabulatedLaw(Mechanism):
     none           f(u), a table `knots` → `weights`, monotone cubics between the knots, straight lines beyond
     rate, lag      the same function of the slope of u over `time_s` per minute, or of its first-order lag of `time_s`
     lags           :math:`\sum_j w_j\,(\mathrm{lag}(u, k_j) - u)`, time constants as knots
-    plays          :math:`\sum_j w_j\,(\mathrm{play}(u, k_j) - u)`, radii as knots
+    plays          :math:`\sum_j w_j\,(\mathrm{play}(u, k_j) - u)`, radii as knots; in `knots_2` where they stood before, if known
     relays         :math:`\sum_j w_j\,z_j`, relays on above `knots` until below `knots_2`
     curves         z with dz/|du| = (f(u) - z) / r, r in `knots_2`: f from `weights` as u rises, from `weights_2` as it falls
     product        :math:`w\,(u_1 - k_1)(u_2 - k_2)`
@@ -95,6 +95,7 @@ class TabulatedLaw(Mechanism):
             )
         second = len(self.weights_2)
         needed = {"relays": len(self.knots_2), "wave": second, "growing wave": second, "curves": second}
+        needed |= {"plays": len(self.knots_2)} if self.knots_2 else {}
         tables = {len(self.knots), needed.get(self.memory, len(self.knots))}
         tables |= set() if self.memory == "product" else {len(self.weights)}
         if len(tables) > 1 or not self.knots or (self.memory == "product" and (len(self.knots), len(self.weights)) != (2, 1)):
@@ -146,7 +147,8 @@ class TabulatedLaw(Mechanism):
             case "lags":
                 return np.column_stack([lag(u, t, tau) - u for tau in self.knots]), weights
             case "plays":
-                return play_paths(u[:, None], knots, u[0] - STARTS[self.start] * knots) - u[:, None], weights
+                before = np.array(self.knots_2) if self.knots_2 else u[0] - STARTS[self.start] * knots
+                return play_paths(u[:, None], knots, before) - u[:, None], weights
             case "relays":
                 down = np.array(self.knots_2)
                 return relay_states(u, knots, down, states_before(u[0], knots, down, self.start)), weights

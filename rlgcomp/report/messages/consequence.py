@@ -67,6 +67,7 @@ LIMITING: Final = frozenset(
         "diagnosis.noise_not_as_stated",
         "diagnosis.null_possible",
         "diagnosis.perhaps_nothing",
+        "diagnosis.rested",
         "diagnosis.run_lacks_column",
         "diagnosis.set_uncertain",
         "diagnosis.unidentified",

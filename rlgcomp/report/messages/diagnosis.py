@@ -224,6 +224,13 @@ def _other_form(mechanism: str, equation: str) -> str:
     )
 
 
+def _rested(mechanism: str, column: str, value: float, unit: str) -> str:
+    return (
+        f"{mechanism}: every run begins as if {column} had rested at {value:.3g} {unit}".rstrip()
+        + " before it. A run after another rest begins otherwise."
+    )
+
+
 def _approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> str:
     numbers = listing(list(parameters))
     return (
@@ -485,6 +492,7 @@ TEXTS: Final[dict[str, str | Callable[..., str]]] = {
     "diagnosis.jumps": _jumps,
     "diagnosis.unstated": _unstated,
     "diagnosis.other_form": _other_form,
+    "diagnosis.rested": _rested,
     "diagnosis.extrapolated": _extrapolated,
     "diagnosis.next_experiment": _programme,
     "diagnosis.no_programme_parts": _undecided,
