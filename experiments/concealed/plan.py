@@ -24,6 +24,8 @@ KINDS: tuple[Kind, ...] = tuple(NUMBERS)
 NUISANCES: tuple[Nuisance, ...] = ("step", "run bias", "wrong number")
 NAMED: tuple[Kind, ...] = ("single", "weak", "pair", "triple", "unequal", "nuisance", "turntable")
 _MANY = 1_000_000  # seeds of a kind
+EDITION = 1  # of the page's cases: raised once those of a page were looked at one by one
+_OF_EDITION = 10_000  # seeds
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,8 +64,8 @@ def stream(seed: int, name: str) -> np.random.Generator:
 
 
 def seed_of(kind: Kind, number: int, *, tuning: bool) -> int:
-    """Seed of a case: those for tuning are never those of the page."""
-    return _MANY * (2 * KINDS.index(kind) + 2 + tuning) + number
+    """Seed of a case: those for tuning are never those of the page, and those of one edition of it none of another."""
+    return _MANY * (2 * KINDS.index(kind) + 2 + tuning) + (0 if tuning else EDITION * _OF_EDITION) + number
 
 
 def plan(kind: Kind, cases: int, first: int = 0, *, tuning: bool = False) -> list[Plan]:
