@@ -251,6 +251,13 @@ class TestCases:
         left = observer.residual(made.means(made.columns(made.chambers)), windows[0] - windows[1])
         assert np.sqrt(np.mean(left**2)) == pytest.approx(0.5, rel=1e-6)
 
+    def test_relays_that_no_run_passes_are_no_effect(self) -> None:
+        """Of such a draw the rounding of a constant was the effect, and the gyro as loud as that."""
+        (drawn,) = plan("pair", 1, 12)
+        assert drawn.hidden[0] == "thermal_hysteresis"
+        case = make_case(drawn)
+        assert case.white_deg_h > 1e-9 * case.scale.size_deg_h
+
     def test_the_same_seed_makes_the_same_case_and_another_seed_another(self) -> None:
         first, again, other = (make_case(Plan("pair", ("ageing", "warm_up"), (1.0, 2.0), "", seed)) for seed in (3, 3, 4))
         assert first.train[0].table.equals(again.train[0].table)

@@ -22,6 +22,7 @@ from experiments.concealed.plan import Plan, stream
 
 Array = npt.NDArray[np.float64]
 _DRAWS = 60
+_LEAST_SHOWN = 1e-6  # of an effect of unit size: relays that no run passes are a constant, and its rounding is no effect
 _LEAST_LEFT = 0.1  # of an effect, that the simulator cannot absorb
 _MOST_HELD_OUT = 6.0  # times as large as in the training runs
 _LEAST_LOOP = 0.5  # of the unabsorbed part of a hysteresis, that no function of the temperature takes
@@ -80,6 +81,8 @@ class Bench:
             effect = _effect(name, rng, self.chambers[: self.training])
             values = self.values(effect)
             shown, unseen = self.means(values), np.concatenate(values[self.training :])
+            if np.std(shown) < _LEAST_SHOWN:
+                continue
             remainder = observer.residual(design, shown)
             loop = remainder
             if effect.memory == "rate-independent":
@@ -87,7 +90,7 @@ class Bench:
                 curve = np.polynomial.chebyshev.chebvander((span - 10.0) / 60.0, 12)
                 loop = observer.residual(np.column_stack([design, curve]), shown) if BLOCK in effect.drivers else remainder
             if (
-                _rms(remainder) > _LEAST_LEFT * np.std(shown) > 0.0
+                _rms(remainder) > _LEAST_LEFT * np.std(shown)
                 and _rms(loop) >= _LEAST_LOOP * _rms(remainder)
                 and np.std(unseen) < _MOST_HELD_OUT * np.std(shown)
             ) or (not plain and _rms(remainder) > _NOTHING * np.std(shown)):
