@@ -33,7 +33,7 @@ from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
 from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
-from rlgcomp.diagnosis.terms import WANDER, Family, Form, Region, forms_of
+from rlgcomp.diagnosis.terms import WANDER, Family, Form, MemoryClass, Region, forms_of
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.waves import harmonics, lines, wanders
 from rlgcomp.physics import CATALOGUE
@@ -187,7 +187,7 @@ def _monitor(path: Path, data: Data) -> list[Family]:
     ]
 
 
-_THERMAL: Final[Mapping[str, tuple[Callable[[Setting], list[Family]], str]]] = {
+_THERMAL: Final[Mapping[str, tuple[Callable[[Setting], list[Family]], MemoryClass]]] = {
     "thermal_polynomial": (_static, "static"),
     "temperature_rate": (_rate, "dynamic"),
     "rate_asymmetry": (_rate_magnitude, "dynamic"),
@@ -241,12 +241,19 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             if name == "thermal_gradient":
                 drivers = mechanism.drivers
             if forms:
-                grow = _GROW[name](setting) if name in _GROW else None
-                absorb = _ABSORB[name](setting) if name in _ABSORB else None
-                rough = rougher if memory == "rate-independent" else None
-                shrink = _SHRINK.get(name)
-                adopt = _ADOPT.get(name)
-                yield Region(name, name, _NAMED, forms, drivers, memory, grow, shrink, absorb, adopt, rough)  # type: ignore[arg-type]
+                yield Region(
+                    name,
+                    name,
+                    _NAMED,
+                    forms,
+                    drivers,
+                    memory,
+                    grow=_GROW[name](setting) if name in _GROW else None,
+                    shrink=_SHRINK.get(name),
+                    absorb=_ABSORB[name](setting) if name in _ABSORB else None,
+                    adopt=_ADOPT.get(name),
+                    rougher=rougher if memory == "rate-independent" else None,
+                )
         elif mechanism().amplitude_parameters():
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
