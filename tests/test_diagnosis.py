@@ -16,7 +16,7 @@ from scipy.stats import norm
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Power, Smooth
+from rlgcomp.diagnosis.bases import Basis, Power, Product, Smooth
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path, lagged
@@ -197,6 +197,29 @@ def test_relaxation_is_averaged_over_windows() -> None:
     exact = np.exp(-np.abs(lags[:, None] - lags) / windows)
     means = exact.reshape(4, fine, 4, fine).mean(axis=(1, 3))
     assert relaxation(4, windows) == pytest.approx(means[0], rel=1e-3)
+
+
+def test_a_form_of_which_departures_hold_nearly_all_is_charged_for_it(data: Data) -> None:
+    """A product of two columns with a square of each beside it: of the product nothing is taken, of the squares alone a lot."""
+    one, other = (Path(Driver.of(data, column)) for column in ("supply_voltage_V", "magnetic_field_uT"))
+    form = Form("product", "b = k u v", (Product(one, other),), (Power(one, 2), Power(other, 2)))
+    plain = dataclasses.replace(form, smooth=())
+    member = Member(form, 40.0)
+    noise = np.random.default_rng(6).standard_normal(len(data)) * np.sqrt(data.white)
+
+    def charge(basis: Basis, size: float, used: Form = form) -> float:
+        column = data.means(basis.columns)[:, -1]
+        signal = size * column / column.std() * np.sqrt(data.white.mean())
+        runs = tuple(
+            dataclasses.replace(run, output=(signal + noise)[rows]) for run, rows in zip(data.runs, data.slices, strict=True)
+        )
+        whole = dataclasses.replace(data, runs=runs)
+        set_ = (dataclasses.replace(member, form=used),)
+        return Evidence(Bank(whole, np.ones((len(whole), 1))), Noise(), 0.0).given(set_).log_leading(set_)
+
+    assert charge(Product(one, other), 40.0) > -0.5
+    assert charge(Power(one, 2), 40.0) < -4.0
+    assert charge(Power(one, 2), 40.0, plain) == 0.0
 
 
 def test_evidence_is_the_density_of_the_data(data: Data) -> None:

@@ -166,29 +166,6 @@ class Evidence:
         last = np.cumsum(widths) - 1
         return given.log_evidence + given.log_positive([int(k) for k, m in zip(last, members, strict=True) if m.form.positive])
 
-    def log_leading(self, members: Set) -> float:
-        r"""Log prior of the strengths of leading parts, given those of their forms (:data:`priors.LEADING`).
-
-        The rms s of a form's leading weights in units of their prior, :math:`s^2 = E[w^\top w] / k`, is 1 where the form is what it
-        is called. Where departures have nearly all of what is there, s is near zero: that is a law of another form, and its
-        Gaussian prior alone would hardly charge for it. With :math:`\ln s \sim N(0, \sigma^2)` below 1,
-
-        .. math:: \log p = -\frac{(\ln s)^2}{2 \sigma^2}.
-
-        V. E. Johnson, D. Rossell, "On the use of non-local prior densities in Bayesian hypothesis tests", J. R. Stat. Soc. B 72,
-        143-170 (2010).
-        """
-        given, total, first = self.given(members), 0.0, 0
-        for member in members:
-            widths = {basis: self.bank.width(basis) for basis, _ in self.bank.scaled(member.form) or ()}
-            places = []
-            for basis, width in widths.items():
-                places += list(range(first, first + width)) if basis in member.form.lead else []
-                first += width
-            if member.form.departures and places:
-                total -= 0.5 * (min(math.log(given.leading(places)), 0.0) / priors.LEADING) ** 2
-        return total
-
     def given(self, members: Set) -> Conditional:
         """The evidence with a set in the model."""
         return Conditional(self, self.table(members))
@@ -253,7 +230,30 @@ class Conditional:
         """Posterior mean of the weights, shape (r,)."""
         return np.asarray(self._half.T @ self.weights_half)
 
-    def leading(self, places: Sequence[int]) -> float:
+    def log_leading(self, members: Set) -> float:
+        r"""Log prior of the strengths of leading parts of the set, given those of their forms (:data:`priors.LEADING`).
+
+        The rms s of a form's leading weights in units of their prior, :math:`s^2 = E[w^\top w] / k`, is 1 where the form is what it
+        is called. Where departures have nearly all of what is there, s is near zero: that is a law of another form, and its
+        Gaussian prior alone would hardly charge for it. With :math:`\ln s \sim N(0, \sigma^2)` below 1,
+
+        .. math:: \log p = -\frac{(\ln s)^2}{2 \sigma^2}.
+
+        V. E. Johnson, D. Rossell, "On the use of non-local prior densities in Bayesian hypothesis tests", J. R. Stat. Soc. B 72,
+        143-170 (2010).
+        """
+        total, first = 0.0, 0
+        for member in members:
+            places: list[int] = []
+            for basis, _ in self.evidence.bank.scaled(member.form) or ():
+                last = first + self.evidence.bank.width(basis)
+                places += range(first, last) if basis in member.form.lead else ()
+                first = last
+            if member.form.departures and places:
+                total -= 0.5 * (min(math.log(self._strength(places)), 0.0) / priors.LEADING) ** 2
+        return total
+
+    def _strength(self, places: Sequence[int]) -> float:
         """Root mean square of weights at some places, in units of their prior: mean over their posterior."""
         variance = self.square / self.evidence.whitened.freedom
         return math.sqrt(float(np.mean(self.weights[places] ** 2 / variance + np.sum(self._half[:, places] ** 2, axis=0))))

@@ -291,10 +291,10 @@ def _rests(record: Record) -> Iterator[Message]:
     """Where the driver of a hysteresis seems to have rested before every run."""
     names = {cause.name for cause in record.members}
     for member in record.after.state.members:
-        for basis in member.form.lead:
+        for basis in within(member.form.lead):
             rest = rest_of(basis) if member.form.region in names and isinstance(basis, Plays | Preisach) else None
             if rest is not None:
-                (column,) = basis.driver.columns  # type: ignore[attr-defined]
+                (column,) = basis.driver.columns
                 yield message(
                     "diagnosis.rested", mechanism=member.form.region, column=column, value=rest, unit=display_unit(column)
                 )

@@ -112,8 +112,8 @@ class States(Members):
             if nearer == best:
                 break
             best = nearer
-        leading = self.evidence(best).log_leading(members)
-        state = State(members, best, found[best] + leading, log_sum(found.values()) - found[best])
+        log_point = found[best] + self.given(best, members).log_leading(members)
+        state = State(members, best, log_point, log_sum(found.values()) - found[best])
         self.visit(state)
         return state
 

@@ -152,8 +152,8 @@ class _Writer:
         if term.memory == "plays":
             self.helpers |= {"left_behind", "plays"}
             self.operators += 2 * count
-            begins = [f"{signal} - {self.number(term.start * radius)}" for radius in term.knots]
-            at = self._remember(count, (list(map(self.number, term.knots_2)) or begins).__getitem__)
+            stood = [self.number(state) for state in term.knots_2]
+            at = self._remember(count, lambda j: stood[j] if stood else f"{signal} - {self.number(term.start * term.knots[j])}")
             return f"plays({at}, u, {self._table('RADII', term.knots)}, {self._table('WEIGHTS', term.weights)}, {count})"
         if term.memory in ("bouc_wen", "coleman"):
             self.helpers |= {"left_behind", "decay", term.memory}
