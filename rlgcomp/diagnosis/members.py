@@ -178,8 +178,6 @@ class Members:
 
     def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
         """From what a form grows: the likeliest that can, and the likeliest of those of one threshold."""
-        if not region.forms:
-            return [best]
         assert region.grow is not None  # noqa: S101
         can = [next(iter(region.grow(form)), None) is not None for form in region.forms]
         one = [grows and self._switches_once(form) for grows, form in zip(can, region.forms, strict=True)]

@@ -100,6 +100,7 @@ def _lags(setting: Setting) -> list[Family]:
                 freely,
                 0.5 * weight,
             ),
+            Family(f"b = f(lag({name}, time_constant_s))", [(Smooth(Path(driver, "lag", t)),) for t in times[::2]], freely, weight),
         ]
     return families
 

@@ -307,7 +307,7 @@ class States(Members):
             return []
         found = [self.polished(*best, given)[1], *self._rougher(region, given, white)]
         grow = region.grow
-        if grow is not None and (state.noise != white or self.switches(own.form) or not region.forms):
+        if grow is not None and (state.noise != white or self.switches(own.form) or region.nuisance):
             grown = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
             found += [member for _, member in grown]
             if region.shrink is not None:
