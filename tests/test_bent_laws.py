@@ -128,3 +128,24 @@ def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> Non
     assert found.test is not None
     assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms
     assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
+
+
+def test_a_bend_after_two_lags_is_a_thermal_lag() -> None:
+    """A law of both thermometers stood in for the bend, or a hysteresis of a few relays at probability 0.999."""
+    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=30 + k, step_s=10.0, name=f"run{k}")
+        inner = (run.column("temperature_block_degC") - 18.0) / 28.0
+        for time_constant_s in (900.0, 400.0):
+            inner = lag(inner, run.time_s, time_constant_s)
+        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + 0.1 * (inner + 0.5 * inner**2))
+        runs.append(few_monitors(run.replace(table=table, truth=None)))
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
+    found = diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    assert found.verdict == "explained"
+    assert [cause.name for cause in found.causes] == ["thermal_lag"]
+    assert found.test is not None
+    assert found.test.augmented_rms < 0.2 * found.test.baseline_rms
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)

@@ -11,6 +11,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 from tests.two_hour_runs import BASELINE, runs_of
 
 NOISE = {"angle_random_walk_deg_sqrt_h": 0.0005}
@@ -48,6 +49,25 @@ def test_a_step_beside_effects_is_a_step_and_no_cause(with_step: tuple[list[Reco
     assert step["size"]["value"] == pytest.approx(0.04, abs=4.0 * step["size"]["sd"])
     (told,) = [one for one in found.remarks if one.code == "diagnosis.bias_step"]
     assert told.data["run"] == "run1"
+
+
+def test_steps_that_the_simulator_half_absorbs_are_steps() -> None:
+    """A ramp, its rate and a gradient take up most of a step within it; what was left of one looked like a hop."""
+    gyro = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": NOISE})
+    programmes = (
+        "start -10, hold 20, ramp 40 1, hold 60",
+        "start 40, hold 40, ramp -10 1, hold 40",
+        "start 0, hold 20, ramp 45 1, hold 50",
+    )
+    runs = [few_monitors(gyro.simulate(one, seed=k, step_s=20.0, name=f"run{k}")) for k, one in enumerate(programmes)]
+    for k, (at, size) in enumerate(((148, -0.039), (225, -0.023))):
+        runs[k] = stepping(runs[k], at, size)
+    known = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, "temperature_rate", "thermal_gradient"]}
+    found = diagnose(Simulator.from_mapping(known), runs, only=(*FEW, "mode_hop"), black_box=False)
+    assert found.verdict == "none"
+    assert {step["run"]: round(step["at_s"] / 20.0) for step in found.steps} == pytest.approx({"run0": 148, "run1": 225}, abs=3)
+    for step in found.steps:
+        assert step["size"]["value"] == pytest.approx({"run0": -0.039, "run1": -0.023}[step["run"]], abs=4.0 * step["size"]["sd"])
 
 
 def test_where_is_told_by_the_driver_that_most_goes_with(with_step: tuple[list[Recording], Diagnosis]) -> None:
