@@ -129,11 +129,10 @@ class Search(States):
         if len({form.region for form in forms}) < 2:
             return []
         offset = self.log_prior(state.members) + self.log_prior_of(noise)
-        top = max(other.log_posterior for other in self.visited.values())
         visited = {key for key, _ in self.visited}
         found: list[State] = []
         for value, pair in likeliest_pairs(given, forms, [self.regions[form.region].log_odds for form in forms]):
-            if len(found) == _PAIRS or value + offset < top - WITHIN_REACH:
+            if len(found) == _PAIRS or value + offset < self.top - WITHIN_REACH:
                 break
             if frozenset(taken | {member.form.region for member in pair}) not in visited:
                 found.append(self.refined(self.converged((*state.members, *pair), noise)))

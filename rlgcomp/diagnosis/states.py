@@ -35,6 +35,7 @@ _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fit
 _MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
 _NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
 _NARROW: Final = 4  # leading columns
+_LOUD_WALK: Final = 10.0  # over the white noise, from which on a random walk may stand for a wander
 _ROUGH: Final = 3  # equations whose likeliest forms are tried with departures too many to be screened
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
@@ -94,6 +95,11 @@ class States(Members):
         self._errors: list[Errors] = []
         self._outliers: tuple[int, ...] | None = None
 
+    @property
+    def top(self) -> float:
+        """Log posterior of the likeliest set that was visited; what is far behind is not refined."""
+        return max((state.log_posterior for state in self.visited.values()), default=-math.inf)
+
     def converged(self, members: Set, noise: Noise | None = None) -> State:
         """A set at its likeliest noise, climbing over the grid of hypotheses from one; and the volume of the noises passed."""
         log_prior = self.log_prior(members)
@@ -139,7 +145,10 @@ class States(Members):
             for one in self.hypotheses.neighbours(own)
             if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander and one.encoder <= own.encoder
         ]
-        return list(dict.fromkeys([own, self.calmest(own.errors), *fewer[:1]]))
+        wanders = (
+            [dataclasses.replace(one, errors=own.errors) for one in self.hypotheses.wander_starts] if own.walk >= _LOUD_WALK else []
+        )
+        return list(dict.fromkeys([own, self.calmest(own.errors), *fewer[:1], *wanders]))
 
     def calmest(self, errors: Errors | None) -> Noise:
         return dataclasses.replace(self.hypotheses.calmest, errors=errors)
@@ -200,9 +209,8 @@ class States(Members):
 
     def _late(self, state: State) -> State | None:
         """The set of a state with its columns late as that set has them; None where it is likelier that none is."""
-        top = max((other.log_posterior for other in self.visited.values()), default=-math.inf)
         evidence = self.evidence(state.noise)
-        fitted = None if state.log_posterior < top - WITHIN_REACH else evidence.prediction(state.members)
+        fitted = None if state.log_posterior < self.top - WITHIN_REACH else evidence.prediction(state.members)
         if fitted is None:
             return None
         members = tuple(member for member in state.members if not member.form.positive)
@@ -235,8 +243,7 @@ class States(Members):
         """A state at its best; errors of its drivers join the noise, if they are there."""
         best: State | None = None
         for _ in range(ROUNDS_OF_ERRORS):
-            top = max((other.log_posterior for other in self.visited.values()), default=-math.inf)
-            errors = self._errors_of(state) if state.log_posterior > top - WITHIN_REACH else state.noise.errors
+            errors = self._errors_of(state) if state.log_posterior > self.top - WITHIN_REACH else state.noise.errors
             if best is not None and errors is state.noise.errors:
                 break
             state = self._refined(dataclasses.replace(state, noise=dataclasses.replace(state.noise, errors=errors)))
@@ -296,9 +303,8 @@ class States(Members):
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         white = self.calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
-        top = max(other.log_posterior for other in self.visited.values())
         reach = WITHIN_REACH if others else _ALONE
-        if known in self._grown or state.log_posterior < top - reach:
+        if known in self._grown or state.log_posterior < self.top - reach:
             return []
         self._grown.add(known)
         region, given = self.regions[own.form.region], self.given(white, others)
@@ -329,7 +335,7 @@ class States(Members):
     def _near_the_top(self, members: Set, noise: Noise) -> bool:
         """Whether a set may become the likeliest; what is far behind is not looked for anew."""
         point = self.evidence(noise).log_evidence(members) + self.log_prior(members) + self.log_prior_of(noise)
-        return point > max(state.log_posterior for state in self.visited.values()) - WITHIN_REACH
+        return point > self.top - WITHIN_REACH
 
     def _rougher(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
         """The likeliest of the region's forms with departures too many to be screened, where departures are above the noise."""
