@@ -35,7 +35,6 @@ _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fit
 _MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
 _NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
 _NARROW: Final = 4  # leading columns
-_LOUD_WALK: Final = 10.0  # over the white noise, from which on a random walk may stand for a wander
 _ROUGH: Final = 3  # equations whose likeliest forms are tried with departures too many to be screened
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
@@ -145,10 +144,7 @@ class States(Members):
             for one in self.hypotheses.neighbours(own)
             if one.flicker <= own.flicker and one.walk <= own.walk and one.wander <= own.wander and one.encoder <= own.encoder
         ]
-        wanders = (
-            [dataclasses.replace(one, errors=own.errors) for one in self.hypotheses.wander_starts] if own.walk >= _LOUD_WALK else []
-        )
-        return list(dict.fromkeys([own, self.calmest(own.errors), *fewer[:1], *wanders]))
+        return list(dict.fromkeys([own, self.calmest(own.errors), *fewer[:1]]))
 
     def calmest(self, errors: Errors | None) -> Noise:
         return dataclasses.replace(self.hypotheses.calmest, errors=errors)
