@@ -68,7 +68,7 @@ def test_tail_goes_on_beyond_the_draws() -> None:
 def test_a_step_is_missing_from_its_moment_on(data: Data) -> None:
     run = data.runs[0]
     at_s = 0.75 * run.elapsed_s[-1]
-    form = Form("step", "b = step", (Moment(run.name, at_s, run.grid.window_s),))
+    form = Form("step", "b = step", (Moment(run.name, at_s, run.grid.window_s, (0.0, float(run.elapsed_s[-1]))),))
     stepped = dataclasses.replace(run, output=run.output + 8.0 * (run.means(run.elapsed_s) > at_s))
     of_step = Data((stepped,))
     baseline = Baseline(Simulator.from_mapping({"kind": "chamber", "mechanisms": []}))

@@ -219,19 +219,29 @@ class Constant(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Moment(Basis):
-    """One from a moment on in one run, nothing in others: a step of the bias."""
+    """One from a moment on in one run, nothing in others: a step of the bias.
+
+    Parameters
+    ----------
+    run : str
+    at_s, window_s : float
+    within_s : tuple of float
+        Where it may be: close to an end of the run it would be the run's bias.
+    """
 
     run: str
     at_s: float
     window_s: float
+    within_s: tuple[float, float]
 
     def columns(self, run: Run) -> Array:
         after = np.clip((run.elapsed_s - self.at_s) / run.grid.bin_s + 0.5, 0.0, 1.0)
         return (after * (run.name == self.run))[:, None]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
-        moves = step * self.window_s, -step * self.window_s
-        return tuple(dataclasses.replace(self, at_s=self.at_s + move) for move in moves)
+        first_s, last_s = self.within_s
+        moved = (self.at_s + move for move in (step * self.window_s, -step * self.window_s))
+        return tuple(dataclasses.replace(self, at_s=at_s) for at_s in moved if first_s <= at_s <= last_s)
 
 
 @dataclasses.dataclass(frozen=True)

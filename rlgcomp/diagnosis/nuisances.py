@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
 STEP: Final = "bias step"
 RUN_BIAS: Final = "run bias"
 _ODDS: Final = math.log(priors.NUISANCE_ODDS)
-_END: Final = 3  # windows from either end of a run, where a step is none
+_END: Final = 8  # windows from either end of a run, where a step would be the run's bias
 _MOST: Final = 4  # steps
 _STRIDE: Final = 4  # windows between places at which a step is tried
 
@@ -50,7 +50,9 @@ def _steps(data: Data) -> tuple[Form, ...]:
     """A step at every few windows of every run, each as likely as another; polished afterwards."""
     window_s = data.runs[0].grid.window_s
     moments = [
-        Moment(run.name, window * window_s, window_s) for run in data.runs for window in range(_END, len(run.full) - _END, _STRIDE)
+        Moment(run.name, window * window_s, window_s, (_END * window_s, (len(run.full) - _END) * window_s))
+        for run in data.runs
+        for window in range(_END, len(run.full) - _END, _STRIDE)
     ]
     return forms_of(STEP, [Family("b = step from a moment on in one run", [(moment,) for moment in moments])])
 
