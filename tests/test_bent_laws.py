@@ -106,19 +106,27 @@ def test_a_monitor_through_corners_and_a_bend_is_that_monitor_alone() -> None:
     assert found.test.augmented_rms < 0.1 * found.test.baseline_rms
 
 
-def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> None:
-    """A hysteresis of the one stood in for it, with a rate beside."""
+def thermally(answer: Callable[[rlg.Recording], Array], seed: int, degree: int) -> Diagnosis:
+    """Of two runs whose gyro follows their thermometers, beside a simulator with a polynomial, tested on a third."""
     noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
     runs = []
     for k, programme in enumerate(PROGRAMMES):
-        run = simulator.simulate(programme, seed=20 + k, step_s=10.0, name=f"run{k}")
-        block, shell = (run.column(f"temperature_{place}_degC") for place in ("block", "shell"))
-        bump = 0.04 * np.exp(-0.5 * ((0.4 * block + 0.6 * shell - 18.0) / 9.0) ** 2)
-        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + bump)
+        run = simulator.simulate(programme, seed=seed + k, step_s=10.0, name=f"run{k}")
+        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + answer(run))
         runs.append(few_monitors(run.replace(table=table, truth=None)))
-    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    found = diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": degree}}]})
+    return diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+
+
+def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> None:
+    """A hysteresis of the one stood in for it, with a rate beside."""
+
+    def bump(run: rlg.Recording) -> Array:
+        block, shell = (run.column(f"temperature_{place}_degC") for place in ("block", "shell"))
+        return np.asarray(0.04 * np.exp(-0.5 * ((0.4 * block + 0.6 * shell - 18.0) / 9.0) ** 2))
+
+    found = thermally(bump, 20, 3)
     (law,) = found.to_mapping()["unexplained"]["laws"]
     assert found.verdict == "unknown"
     assert (law["drivers"], law["memory"]) == (["temperature_block_degC", "temperature_shell_degC"], "static")
@@ -132,18 +140,14 @@ def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> Non
 
 def test_a_bend_after_two_lags_is_a_thermal_lag() -> None:
     """A law of both thermometers stood in for the bend, or a hysteresis of a few relays at probability 0.999."""
-    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
-    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
-    runs = []
-    for k, programme in enumerate(PROGRAMMES):
-        run = simulator.simulate(programme, seed=30 + k, step_s=10.0, name=f"run{k}")
+
+    def bent(run: rlg.Recording) -> Array:
         inner = (run.column("temperature_block_degC") - 18.0) / 28.0
         for time_constant_s in (900.0, 400.0):
             inner = lag(inner, run.time_s, time_constant_s)
-        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + 0.1 * (inner + 0.5 * inner**2))
-        runs.append(few_monitors(run.replace(table=table, truth=None)))
-    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}]})
-    found = diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+        return np.asarray(0.1 * (inner + 0.5 * inner**2))
+
+    found = thermally(bent, 30, 2)
     assert found.verdict == "explained"
     assert [cause.name for cause in found.causes] == ["thermal_lag"]
     assert found.test is not None

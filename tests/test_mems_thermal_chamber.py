@@ -14,7 +14,7 @@ DATA = Path(__file__).parents[2] / "shared/data/real/mems_imu_thermal_chamber"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"real data are absent: {DATA}")
 
 
-NO_MEMORY = "the one model takes this axis for a random walk of 10 to 30 times the white noise: docs/diagnosis.md"
+NO_MEMORY = "the one model takes this axis for something unrecorded that wanders: docs/diagnosis.md"
 
 
 @pytest.mark.parametrize(
