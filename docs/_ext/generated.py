@@ -99,14 +99,14 @@ def mechanisms() -> Iterator[str]:
 
 def messages() -> Iterator[str]:
     """Every message by its code, with the data that it carries."""
-    from rlgcomp.report.messages import ROOMS
+    from rlgcomp.report.messages import ROOMS, texts_of
 
     yield "# Messages by code\n"
     yield "A remark or a finding has a code, data with units, and a text; `--json` and all JSON files carry the three. Codes are"
     yield "stable. Where the text depends on the data by more than inserting it, the arguments are listed.\n"
     for room in ROOMS:
         yield f"## {room.__name__.rpartition('.')[2]}\n\n| code | text, with its data in braces |\n|---|---|"
-        for code, text in sorted(room.TEXTS.items()):
+        for code, text in sorted(texts_of(room).items()):
             yield f"| `{code}` | {_message(text)} |"
         yield ""
 

@@ -14,7 +14,6 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from rlgcomp.challenge.seal import CHALLENGE, SIMULATOR, Revealed
-from rlgcomp.diagnosis.text import cause_words
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, read_text
 from rlgcomp.physics import CATALOGUE
@@ -22,7 +21,7 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 from rlgcomp.recording.formats import read
 from rlgcomp.report.drawing import FIT, INK, STYLE, WIDTH_IN, legend, power, time_axis
-from rlgcomp.report.messages.wording import estimate_text, listing, percent_text
+from rlgcomp.report.messages.wording import cause_words, estimate_text, listing, percent_text
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture
 from rlgcomp.simulation.simulator import Simulator

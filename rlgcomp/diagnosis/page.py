@@ -13,17 +13,19 @@ from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.symbols import symbols
-from rlgcomp.diagnosis.text import cause_words
 from rlgcomp.files import write_text
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import is_gyro
-from rlgcomp.report.messages.diagnosis import MEMORIES, region_words
 from rlgcomp.report.messages.wording import (
+    MEMORIES,
+    capital,
+    cause_words,
     change_text,
     estimate_text,
     listing,
     p_text,
     probability_text,
+    region_words,
     rms_text,
     time_text,
 )
@@ -130,7 +132,7 @@ def _page(record: Record, truth: Mapping[str, Mechanism] | None, folder: Path | 
 
 
 def _title(record: Record) -> str:
-    simulator = record.request.simulator[:1].upper() + record.request.simulator[1:]
+    simulator = capital(record.request.simulator)
     if record.verdict == "none":
         return "Nothing is missing that the training runs show"
     names = [cause_words(one.name) for one in record.causes]
@@ -236,7 +238,7 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
     at = "at" if table is None else f"{table.of} ({table.of_unit or '1'})"
     header = (at, f"value ({one.unit})", "± (1 s.d.)")
     return {
-        "name": cause_words(one.name) if one.named else _capital(region_words(one.name)),
+        "name": cause_words(one.name) if one.named else capital(region_words(one.name)),
         "probability": probability_text(one.probability),
         "equation": one.equation,
         "symbols": symbols(one.equation, one.drivers),
@@ -253,10 +255,6 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
         "picture": picture,
         "table": _frame(header, rows),
     }
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _baseline(record: Record) -> pd.DataFrame:

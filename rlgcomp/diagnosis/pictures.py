@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.findings import Cause, Function
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import RunScore, Score
-from rlgcomp.diagnosis.text import alternative_rows, cause_words
+from rlgcomp.diagnosis.text import alternative_rows
 from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
@@ -43,7 +43,7 @@ from rlgcomp.report.drawing import (
     time_axis,
     wrapped,
 )
-from rlgcomp.report.messages.wording import probability_text
+from rlgcomp.report.messages.wording import capital, cause_words, probability_text
 from rlgcomp.report.page import Picture
 from rlgcomp.report.svg import picture
 from rlgcomp.units import column_unit, display_unit, typeset
@@ -232,7 +232,7 @@ def _quantity(record: Record, unit: str) -> str:
 
 def _name(cause: Cause) -> str:
     words = cause_words(cause.name)
-    return words if cause.named else words[:1].upper() + words[1:]
+    return words if cause.named else capital(words)
 
 
 def _member(record: Record, k: int) -> int | None:
@@ -421,14 +421,13 @@ def function(record: Record, k: int, truth: Truth | None = None) -> Picture:
         axes = figure.subplots()
         draw_function(axes, record, k, truth)
         legend(axes)
-        name = cause_words(cause.name)
         table = cause.function
         over = "time" if table is None else table.of
         lines = "; dashed: what was concealed" if (truth or {}).get(cause.name) is not None else ""
         return picture(
             figure,
             f"function-{k + 1}-{cause.name}",
-            f"{name[:1].upper()}{name[1:]}: the function found",
+            f"{capital(cause_words(cause.name))}: the function found",
             f"Contribution in {cause.unit} against {over}; rms {cause.rms:.3g} {cause.unit}; band of two standard deviations, over "
             f"the training runs' means less all else that was fitted{lines}",
         )

@@ -50,7 +50,7 @@ def symbols(equation: str, drivers: Sequence[str] = ()) -> list[tuple[str, str]]
     >>> symbols("b = k_deg_h_min_K * |dT/dt|", ["temperature_block_degC"])
     [('b', 'contribution to the output'), ('T', 'temperature_block_degC'), ('d…/dt', 'rate of change')]
     """
-    named = listing(list(drivers)) or "driver"
+    named = listing(drivers) or "driver"
     temperature = named if len(drivers) == 1 else "temperature"
     plain = equation.replace("dT/dt", "T d_/dt")
     return [

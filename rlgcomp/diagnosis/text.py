@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -10,19 +9,20 @@ from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.record import LATENT, Place, Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.scores import RunScore, Score
-from rlgcomp.report.messages.diagnosis import MEMORIES, region_words
 from rlgcomp.report.messages.wording import (
+    MEMORIES,
     estimate_text,
     interval_text,
     listing,
     p_text,
     percent_text,
     probability_text,
+    region_words,
     rms_text,
     span_text,
     time_text,
 )
-from rlgcomp.units import display_unit, typeset
+from rlgcomp.units import typeset
 
 GROUPS: Final = {
     "train": "train: name and fit",
@@ -135,15 +135,6 @@ def followed(one: Cause) -> str:
 def instead(one: Cause) -> list[str]:
     """What may stand in the place of a finding, nothing among it."""
     return [*one.indistinguishable_from, *(["nothing"] if one.perhaps_nothing else [])]
-
-
-def cause_words(text: str) -> str:
-    """Names of mechanisms in a text as words; names of columns stay as they are.
-
-    >>> cause_words("thermal_hysteresis + late temperature_block_degC")
-    'thermal hysteresis + the delay of temperature_block_degC'
-    """
-    return re.sub(r"\w+", lambda found: found[0] if display_unit(found[0]) else found[0].replace("_", " "), region_words(text))
 
 
 def alternative_rows(record: Record) -> list[list[str]]:

@@ -84,7 +84,7 @@ def scale_factor_page(calibration: ScaleFactorCalibration, name: str, tables: Ma
     else:
         answer, shown = "These recordings give no scale factor.", ("none", "")
     pictures = [*_rates(calibration), *_positions(calibration)]
-    after = "give the file to train, evaluate and compensate with --calibration."
+    after = "Give the file to train, evaluate and compensate with --calibration."
     further = "Record the outer table turning at three or more inner angles for K."
     remarks: list[Message] = [*calibration.remarks]
     remarks += [] if calibration.rates is None else [calibration.rates.repeatability]
@@ -98,7 +98,7 @@ def scale_factor_page(calibration: ScaleFactorCalibration, name: str, tables: Ma
         facts=(
             ("Rates", ", ".join(f"{one.rate_deg_s:.4g} deg/s" for one in calibration.factors) or "none"),
             *_mounting(calibration.mounting),
-            ("Next", after[:1].upper() + after[1:] if whole else further),
+            ("Next", after if whole else further),
         ),
         sections=(
             *([Section("Figures", tuple(pictures))] if pictures else []),

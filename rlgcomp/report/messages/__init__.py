@@ -1,13 +1,16 @@
 """Messages: remarks and findings of a result, each as a code, its data and a text made from them.
 
-A remark or a finding is made where its cause is detected, by :func:`message` with a code and data; its text stands here, in the
-catalogue of its room. Scripts and tests read code and data, people the text. To add one, write its text in the file of its
-room: a template of :meth:`str.format`, or a function of the data where words depend on numbers."""
+A remark or a finding is made where its cause is detected, by :func:`message` with a code and data; its text stands here. Scripts
+and tests read code and data, people the text. The text of the code `noise.misfit` is in `noise.py`: a template of
+:meth:`str.format` in its `TEXTS`, in which a list stands as "a, b and c", or, where words depend on numbers, the function `misfit`.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
@@ -23,11 +26,22 @@ from rlgcomp.report.messages import (
     recording,
     simulation,
 )
+from rlgcomp.report.messages.wording import listing
 
 Text = str | Callable[..., str]
 
 ROOMS: Final = (recording, noise, simulation, calibration, compensation, evaluation, diagnosis, export, challenge)
-CATALOGUE: Final[dict[str, Text]] = {code: text for room in ROOMS for code, text in room.TEXTS.items()}
+
+
+def texts_of(room: ModuleType) -> dict[str, Text]:
+    """Texts of a room by code: its templates and its public functions."""
+    functions = {name: one for name, one in inspect.getmembers(room, inspect.isfunction) if one.__module__ == room.__name__}
+    public = {name: one for name, one in functions.items() if not name.startswith("_")}
+    prefix = room.__name__.rpartition(".")[2]
+    return {f"{prefix}.{name}": text for name, text in (getattr(room, "TEXTS", {}) | public).items()}
+
+
+CATALOGUE: Final[dict[str, Text]] = {code: text for room in ROOMS for code, text in texts_of(room).items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +97,10 @@ def message(code: str, /, **data: Any) -> Message:
     """
     plain = {name: _plain(value) for name, value in data.items()}
     text = CATALOGUE[code]
-    return Message(code, plain, text.format(**plain) if isinstance(text, str) else text(**plain))
+    if not isinstance(text, str):
+        return Message(code, plain, text(**plain))
+    shown = {name: listing([*map(str, value)]) if isinstance(value, list) else value for name, value in plain.items()}
+    return Message(code, plain, text.format(**shown))
 
 
 def _plain(value: Any) -> Any:

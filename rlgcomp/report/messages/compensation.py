@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import signal as signals
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 
-def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_deg_h: float, gyros: int) -> str:
+def interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_deg_h: float, gyros: int) -> str:
     calibrated = f"The interval was calibrated on {number} {parts}, each left out in turn"
     if gyros > 1:
         calibrated += f", with the spread between {parts} from {gyros} gyros of the same recordings"
@@ -43,12 +43,12 @@ def _interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_d
     return f"{calibrated}, and holds on average over {parts} of their kind."
 
 
-def _group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
+def group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
     lacking = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in missing.items())
     return f"{group} omitted: {lacking}; name the column with --map, or leave that run out to use {group}."
 
 
-def _at_limits(*, parameters: Mapping[str, float]) -> str:
+def at_limits(*, parameters: Mapping[str, float]) -> str:
     values = " and ".join(f"{name} = {value:.3g}" for name, value in parameters.items())
     return (
         f"The selected {values} lies where the search ends: the runs ask for a smoother or rougher model than any tried, or "
@@ -57,7 +57,7 @@ def _at_limits(*, parameters: Mapping[str, float]) -> str:
     )
 
 
-def _streamed(
+def streamed(
     *,
     out: str,
     rows: int,
@@ -81,56 +81,50 @@ def _streamed(
     return ", ".join(parts)
 
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {
-    "compensation.turning": (
+TEXTS: Final = {
+    "turning": (
         "The gyro's means spread by {spread_deg_h:.3g} deg/h, as on a table that turns: the model learns this motion as a bias. "
         "Train on runs at rest, name the table's rate among --features (table_rate_deg_s), or state the gyro's unit."
     ),
-    "compensation.turning_steadily": (
+    "turning_steadily": (
         "The gyro's mean is {mean_deg_h:.3g} deg/h, more than the Earth's rate and any bias: it turned on a table, or its unit is "
         "another. The model holds for this rate alone. Train on runs at rest, or state the gyro's unit."
     ),
-    "compensation.below_noise": (
+    "below_noise": (
         "With runs left out the residual is {left_out_rms_deg_h:.3g} deg/h, less than the {noise_deg_h:.3g} deg/h that white noise "
         "alone leaves in the means: the runs know each other, as copies do, so this error proves nothing."
     ),
-    "compensation.nearly_standard": (
+    "nearly_standard": (
         "Column {column} is not a standard name; the nearest is {nearest}. If it is meant, state --map {nearest}={column}, and "
         "the features of that monitor can be used."
     ),
-    "compensation.physics_left_out": (
+    "physics_left_out": (
         "The simulator's {mechanism} takes no part in the compensation: {reason}. The LS-SVM learns of it what its inputs show."
     ),
-    "compensation.group_omitted": _group_omitted,
-    "compensation.at_limits": _at_limits,
-    "compensation.not_told_apart": (
-        "{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."
-    ),
-    "compensation.no_gain": (
+    "not_told_apart": ("{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."),
+    "no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "
         "on {parts} that it has not seen this model is worse than none. Test it on other {parts} with rlgcomp evaluate before it "
         "is used; look at its training runs with rlgcomp inspect, add more of them, or use fewer --features."
     ),
-    "compensation.other_unit": (
+    "other_unit": (
         "{run} is of unit {unit}, and the model was trained on {trained_unit} alone: the bias of each gyro has a course of its own."
     ),
-    "compensation.on_the_processor": (
+    "on_the_processor": (
         "{rows} rows are fitted on the processor at every step of the selection, which may take many minutes. A larger "
         "--averaging-s makes fewer rows; a graphics card is faster."
     ),
-    "compensation.interval": _interval,
-    "compensation.no_overlap": (
+    "no_overlap": (
         "No run lies within the range of the others: the interval of ± {half_width_deg_h:.3g} deg/h is how far they are off when "
         "extrapolated from each other. Add a run whose range overlaps with these."
     ),
-    "compensation.turn_on_assumed": (
+    "turn_on_assumed": (
         "One run does not show how the bias differs from switch-on to switch-on: {turn_on_deg_h:.3g} deg/h is assumed in the "
         "interval, the standard deviation of the bias in that run. State the gyro's own with --turn-on-deg-h; with 0 the interval "
         "is that of the same run."
     ),
-    "compensation.interval_unknown": (
+    "interval_unknown": (
         "The interval is not known from these runs: their errors and their noise are zero. The span of the bias, "
         "{half_width_deg_h:.3g} deg/h, stands for it."
     ),
-    "compensation.streamed": _streamed,
 }

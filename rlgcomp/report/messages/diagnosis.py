@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from rlgcomp.report.messages.wording import (
+    MEMORIES,
+    capital,
     change_text,
     estimate_text,
     interval_text,
@@ -14,37 +15,10 @@ from rlgcomp.report.messages.wording import (
     p_text,
     percent_text,
     probability_text,
+    region_words,
     rms_text,
     time_text,
 )
-
-MEMORIES: Final = {
-    "static": "by its value at the moment",
-    "dynamic": "late, or by its rate of change",
-    "rate-independent": "by the path it took, as hysteresis does",
-    "none": "by no driver",
-}
-_REGIONS: Final = {
-    "law": "a law of {0}",
-    "lag": "a delayed law of {0}",
-    "loop": "a hysteresis of {0}",
-    "rate": "a law of the rate of {0}",
-    "product": "a product of {0} and {1}",
-    "between": "a function of the temperature between {0} and {1}",
-}
-_REGION: Final = re.compile(rf"\b({'|'.join(_REGIONS)}):([\w:]+)")
-_LATENT: Final = re.compile(r"(?<![\w ])(wander|unrecorded)\b|(?<=\+ )(wander|unrecorded)\b")
-
-
-def region_words(text: str) -> str:
-    """Laws without a name in a text as words.
-
-    >>> region_words("law:angle_rad + wander"), region_words("late humidity_percent")
-    ('a law of angle_rad + a slow error of no recorded column', 'the delay of humidity_percent')
-    """
-    text = _REGION.sub(lambda found: _REGIONS[found[1]].format(*found[2].split(":")), text)
-    text = re.sub(r"(^|(?<=\+ ))late (?=\w)", "the delay of ", text)
-    return _LATENT.sub("a slow error of no recorded column", text)
 
 
 def _words(names: Sequence[str], joined: str = "and") -> str:
@@ -65,8 +39,8 @@ def _in_runs(cause: Mapping[str, Any]) -> str:
 _SLOW: Final = "a slow error that follows no law of one or two recorded columns"
 
 
-def _causes(simulator: str, causes: Sequence[Mapping[str, Any]], slow_error: Mapping[str, Any] | None = None) -> str:
-    return f"{simulator[:1].upper()}{simulator[1:]} lacks {listing([_cause(one) for one in causes])}.{_small(slow_error)}"
+def causes(simulator: str, causes: Sequence[Mapping[str, Any]], slow_error: Mapping[str, Any] | None = None) -> str:
+    return f"{capital(simulator)} lacks {listing([_cause(one) for one in causes])}.{_small(slow_error)}"
 
 
 def _small(slow_error: Mapping[str, Any] | None) -> str:
@@ -75,19 +49,23 @@ def _small(slow_error: Mapping[str, Any] | None) -> str:
         return ""
     probability = probability_text(slow_error["probability"])
     return (
-        f" {_SLOW[:1].upper()}{_SLOW[1:]} is in the likeliest set as well (probability {probability}; "
+        f" {capital(_SLOW)} is in the likeliest set as well (probability {probability}; "
         f"rms {slow_error['rms']:.2g} {slow_error['unit']}), so small that the form of what is named may make it."
     )
 
 
-def _law(
+def _lacks(simulator: str, causes: Sequence[Mapping[str, Any]]) -> str:
+    """The beginning of a sentence in which something follows the causes."""
+    named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
+    return f"{capital(simulator)} lacks {named}"
+
+
+def law(
     simulator: str,
     causes: Sequence[Mapping[str, Any]],
     laws: Sequence[Mapping[str, Any]],
     slow_error: Mapping[str, Any] | None = None,
 ) -> str:
-    lacks = f"{simulator[:1].upper()}{simulator[1:]} lacks "
-    named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
     texts = [
         f"{region_words(one['law'])} ({MEMORIES[one['memory']]}; probability {probability_text(one['probability'])}{_in_runs(one)})"
         for one in laws
@@ -96,52 +74,46 @@ def _law(
     also = ""
     if slow_error is not None and slow_error["missing"]:
         also = f" It lacks {_SLOW} besides (probability {probability_text(slow_error['probability'])})."
-    return f"{lacks}{named}{listing(texts)}; no candidate mechanism has {form}.{also}{_small(slow_error)}"
+    return f"{_lacks(simulator, causes)}{listing(texts)}; no candidate mechanism has {form}.{also}{_small(slow_error)}"
 
 
-def _wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
-    named = f"{listing([_cause(one) for one in causes])}, and " if causes else ""
-    return f"{simulator[:1].upper()}{simulator[1:]} lacks {named}{_SLOW} (probability {probability_text(probability)})."
+def wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
+    return f"{_lacks(simulator, causes)}{_SLOW} (probability {probability_text(probability)})."
 
 
-def _louder(simulator: str, ratio: float, p_value: float) -> str:
+def louder(simulator: str, ratio: float, p_value: float) -> str:
     return (
-        f"{simulator[:1].upper()}{simulator[1:]} leaves {ratio:.3g} times the white noise that is stated ({p_text(p_value)}), and "
+        f"{capital(simulator)} leaves {ratio:.3g} times the white noise that is stated ({p_text(p_value)}), and "
         "no recorded column explains the excess."
     )
 
 
-def _gain(
+def _fall(before: float, after: float, floor: float, unit: str) -> str:
+    return f"{rms_text(before, floor)} to {rms_text(after, floor)} {unit}"
+
+
+def gain(
     before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
 ) -> str:
     return (
         f"On the test runs, which decided nothing, its error falls by {percent_text(improvement)} (95 % interval "
-        f"{interval_text(interval)}), from {rms_text(before, floor)} to {rms_text(after, floor)} {unit} (rms of "
-        f"{time_text(averaging_s)} means; noise {rms_text(floor, floor)})."
+        f"{interval_text(interval)}), from {_fall(before, after, floor, unit)} (rms of {time_text(averaging_s)} means; noise "
+        f"{rms_text(floor, floor)})."
     )
 
 
-def _no_gain(
-    before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
-) -> str:
-    del averaging_s
+def no_gain(before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], **_: float) -> str:
+    return f"On the test runs no gain is proven: {_fall(before, after, floor, unit)}, {change_text(improvement, interval)}."
+
+
+def loss(before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], **_: float) -> str:
     return (
-        f"On the test runs no gain is proven: {rms_text(before, floor)} to {rms_text(after, floor)} {unit}, "
-        f"{change_text(improvement, interval)}."
+        f"On the test runs the error grows: {_fall(before, after, floor, unit)}, {change_text(improvement, interval)}. Do not use "
+        "the augmented simulator as it is."
     )
 
 
-def _loss(
-    before: float, after: float, floor: float, unit: str, improvement: float, interval: Sequence[float], averaging_s: float
-) -> str:
-    del averaging_s
-    return (
-        f"On the test runs the error grows: {rms_text(before, floor)} to {rms_text(after, floor)} {unit}, "
-        f"{change_text(improvement, interval)}. Do not use the augmented simulator as it is."
-    )
-
-
-def _compensation_better(
+def compensation_better(
     runs: str,
     compensation: float,
     after: float,
@@ -161,7 +133,7 @@ def _compensation_better(
     )
 
 
-def _learnt(causes: Sequence[str], share: float) -> str:
+def learnt_from_columns(causes: Sequence[str], share: float) -> str:
     names = listing(["A slow error" if one == "wander" else region_words(one) for one in causes])
     return (
         f"{names} was compared with laws of one or two recorded columns alone. An LS-SVM predicts from all recorded columns "
@@ -170,7 +142,7 @@ def _learnt(causes: Sequence[str], share: float) -> str:
     )
 
 
-def _step(run: str, at_s: float, since_start_s: float, size: float, sd: float, unit: str) -> str:
+def bias_step(run: str, at_s: float, since_start_s: float, size: float, sd: float, unit: str) -> str:
     del at_s
     return (
         f"The bias of {run} steps by {estimate_text(size, sd, unit)} {time_text(since_start_s)} after its start; no law can be "
@@ -178,12 +150,12 @@ def _step(run: str, at_s: float, since_start_s: float, size: float, sd: float, u
     )
 
 
-def _run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+def run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
     texts = [f"{run} {estimate_text(value, sds[run], unit)}" for run, value in biases.items()]
     return f"Each run has a bias of its own: {listing(texts)}."
 
 
-def _late_thermometer(column: str, lag_s: float, sd_s: float, instead: Sequence[str]) -> str:
+def late_thermometer(column: str, lag_s: float, sd_s: float, instead: Sequence[str]) -> str:
     alike = listing([f"a fast part of {name}" for name in instead] or ["a temperature_rate"], "or")
     return (
         f"The thermometer {column} is late by {estimate_text(lag_s, sd_s, 's')}: the gyro follows the temperature before its "
@@ -191,76 +163,69 @@ def _late_thermometer(column: str, lag_s: float, sd_s: float, instead: Sequence[
     )
 
 
-def _late_monitor(column: str, lag_s: float, sd_s: float) -> str:
+def late_monitor(column: str, lag_s: float, sd_s: float) -> str:
     return (
         f"The column {column} is late by {estimate_text(lag_s, sd_s, 's')}: the gyro follows the quantity before its readings show "
         "it. A slow sensor or logger does that, and no physics is missing there."
     )
 
 
-def _wrong_number(mechanism: str, parameter: str, stated: float, found: float, sd: float, unit: str) -> str:
+def wrong_number(mechanism: str, parameter: str, stated: float, found: float, sd: float, unit: str) -> str:
     return (
         f"The stated {parameter} of {mechanism} does not fit: {stated:.6g} is stated, {estimate_text(found, sd, unit)} found. If "
         "the stated value is exact, an effect of this form is missing."
     )
 
 
-def _alike(mechanism: str, others: Sequence[str], probabilities: Sequence[float]) -> str:
+def indistinguishable(mechanism: str, others: Sequence[str], probabilities: Sequence[float]) -> str:
     texts = [f"{region_words(name)} ({probability_text(p, 2)})" for name, p in zip(others, probabilities, strict=True)]
     return f"These runs cannot tell {region_words(mechanism)} from {listing(texts, 'or')}."
 
 
-def _perhaps_nothing(mechanism: str, probability: float, rms: float, floor: float, unit: str) -> str:
+def perhaps_nothing(mechanism: str, probability: float, rms: float, floor: float, unit: str) -> str:
     return (
         f"{region_words(mechanism)} may be nothing: the same set without it has the probability "
         f"{probability_text(probability, 2)}. Its rms is {rms:.2g} {unit}, that of the noise {rms_text(floor, floor)} {unit}."
     )
 
 
-def _other_form(mechanism: str, equation: str) -> str:
-    return (
-        f"The form found for {mechanism} is not the catalogue's equation: {equation}; diagnosis.json and the figure give the "
-        "function found."
-    )
-
-
-def _rested(mechanism: str, column: str, value: float, unit: str) -> str:
+def rested(mechanism: str, column: str, value: float, unit: str) -> str:
     return (
         f"{mechanism}: every run begins as if {column} had rested at {value:.3g} {unit}".rstrip()
         + " before it. A run after another rest begins otherwise."
     )
 
 
-def _approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> str:
-    numbers = listing(list(parameters))
+def approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> str:
+    numbers = listing(parameters)
     return (
         f"The function found for {region_words(mechanism)} is only about {equation}, so {numbers} of that equation "
         "stays undetermined; diagnosis.json and the figure give the function found."
     )
 
 
-def _unstated(regions: Sequence[str], named: Sequence[str]) -> str:
+def unstated(regions: Sequence[str], named: Sequence[str]) -> str:
     return (
         f"The set, its predictions and augmented.yaml hold {_words(regions)} as well: no larger than what the form of "
         f"{_words(named, 'or')} may be wrong by, or than a law of its columns and another, and therefore no finding."
     )
 
 
-def _jumps(count: int, dwell_s: float) -> str:
+def jumps(count: int, dwell_s: float) -> str:
     return (
         f"The slow error of no recorded column jumps {count} times in these runs, every {time_text(dwell_s)} on average, and more "
         "than two values are likelier than two; look for what is switched or set at these times."
     )
 
 
-def _cancelling(one: str, other: str, correlation: float, ratio: float) -> str:
+def cancelling(one: str, other: str, correlation: float, ratio: float) -> str:
     return (
         f"{region_words(one)} and {region_words(other)} nearly cancel in these runs (correlation {correlation:.3f}; each is "
         f"{ratio:.1f} times as large as both together): their sum is known, their single numbers are not."
     )
 
 
-def _extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequence[float], unit: str, share: float) -> str:
+def extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequence[float], unit: str, share: float) -> str:
     spans = (f"{low:.4g} to {high:.4g} {unit}".rstrip() for low, high in (recorded, learnt))
     return (
         f"{run} goes beyond the training runs in {column} for {percent_text(share)} of its time: {next(spans)}, trained on "
@@ -268,44 +233,29 @@ def _extrapolated(run: str, column: str, recorded: Sequence[float], learnt: Sequ
     )
 
 
-def _noise(stated: float, found: float) -> str:
+def noise_not_as_stated(stated: float, found: float) -> str:
     return (
         f"The angle random walk that these runs show is {found:.2g} deg/√h, {found / stated:.2g} times the {stated:.2g} deg/√h "
         "that is stated."
     )
 
 
-def _not_tried(mechanisms: Sequence[str]) -> str:
-    return f"Not tried, because the runs lack a column that they read: {listing(list(mechanisms))}."
-
-
-def _left_out(mechanisms: Sequence[str]) -> str:
-    return f"Left out of the candidates as requested: {listing(list(mechanisms))}."
-
-
-def _only(mechanisms: Sequence[str]) -> str:
-    return f"Only these candidates were tried, beside laws without a name: {listing(list(mechanisms))}."
-
-
-def _confirmed(runs: Sequence[str]) -> str:
-    return f"{listing(list(runs))} took part in the choice of the set and not in the fit: given with --confirm, no proof."
-
-
-def _not_in_file(parts: Sequence[str]) -> str:
+def not_in_file(parts: Sequence[str]) -> str:
     return (
         f"augmented.yaml predicts other runs and holds nothing that belongs to single runs or sensors (histories, steps, phases, "
         f"delays): parts of {_words(parts)} are not in it."
     )
 
 
-def _gain_of_numbers(mechanisms: Sequence[str], before: float, after: float, floor: float, unit: str) -> str:
+def gain_of_numbers(mechanisms: Sequence[str], before: float, after: float, floor: float, unit: str) -> str:
     return (
-        f"The test runs are predicted without {_words(mechanisms)}. That their error changes from {rms_text(before, floor)} to "
-        f"{rms_text(after, floor)} {unit} is no gain of a finding: it is that of the simulator's own numbers, calibrated beside it."
+        f"The test runs are predicted without {_words(mechanisms)}. That their error changes from "
+        f"{_fall(before, after, floor, unit)} is no gain of a finding: it is that of the simulator's own numbers, calibrated "
+        "beside it."
     )
 
 
-def _file_gain(before: float, after: float, file: float, floor: float, unit: str, improvement: float) -> str:
+def file_gain(before: float, after: float, file: float, floor: float, unit: str, improvement: float) -> str:
     return (
         f"The gain is that of the fit. augmented.yaml by itself leaves {rms_text(file, floor)} {unit} of the test runs, "
         f"{change_text(improvement)} than the {rms_text(before, floor)} {unit} before, where the fit leaves "
@@ -313,39 +263,39 @@ def _file_gain(before: float, after: float, file: float, floor: float, unit: str
     )
 
 
-def _possible_null(probability: float) -> str:
+def null_possible(probability: float) -> str:
     return f"With probability {probability_text(probability, 2)} nothing is missing."
 
 
-def _nothing(simulator: str, probability: float, p_value: float) -> str:
+def nothing_missing(simulator: str, probability: float, p_value: float) -> str:
     return (
-        f"{simulator[:1].upper()}{simulator[1:]} lacks nothing that the training runs show (probability that nothing is missing "
+        f"{capital(simulator)} lacks nothing that the training runs show (probability that nothing is missing "
         f"{probability_text(probability, 2)}; {p_text(p_value)})."
     )
 
 
-def _worse_in_training(mechanisms: Sequence[str], before: float, after: float, unit: str) -> str:
+def worse_in_training(mechanisms: Sequence[str], before: float, after: float, unit: str) -> str:
     return (
         f"{_words(mechanisms)} is not named although probable: the error of the training runs would be {after:.4g} {unit} "
         f"with it and is {before:.4g} {unit} without."
     )
 
 
-def _nothing_named(simulator: str, probability: float) -> str:
+def nothing_named(simulator: str, probability: float) -> str:
     return (
-        f"{simulator[:1].upper()}{simulator[1:]} lacks nothing that these runs can name, though something may be missing "
+        f"{capital(simulator)} lacks nothing that these runs can name, though something may be missing "
         f"(probability {probability_text(1.0 - probability, 2)})."
     )
 
 
-def _undecided(sets: Sequence[str], separation: float) -> str:
+def no_programme_parts(sets: Sequence[str], separation: float) -> str:
     return (
         f"No programme within the recorded ranges can tell {_words(sets, 'from')}: their predictions differ by "
         f"{separation:.2g} standard deviations at most. A further monitor might."
     )
 
 
-def _programme(sets: Sequence[str], profile: str, duration_s: float, expected: float) -> str:
+def next_experiment(sets: Sequence[str], profile: str, duration_s: float, expected: float) -> str:
     likely = probability_text(expected, 2)
     about = likely.replace("> ", "more than ") if likely.startswith(">") else f"about {likely}"
     return (
@@ -354,31 +304,31 @@ def _programme(sets: Sequence[str], profile: str, duration_s: float, expected: f
     )
 
 
-def _set_uncertain(probability: float, other: str, of_other: float) -> str:
+def set_uncertain(probability: float, other: str, of_other: float) -> str:
     return f"The set named has the probability {probability:.2f}; the next, {region_words(other)}, {of_other:.2f}."
 
 
-def _unidentified(mechanism: str, parameters: Sequence[str]) -> str:
-    return f"These runs do not determine {listing(list(parameters))} of {mechanism}: the error exceeds the value."
+def _by_run(values: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+    return listing([f"{estimate_text(value, sds[run], unit)} in {run}" for run, value in values.items()])
 
 
-def _no_clock(columns: Sequence[str], drifts_ppm: Mapping[str, float], sds_ppm: Mapping[str, float], limit_ppm: float) -> str:
-    drifts = [f"{estimate_text(drift, sds_ppm[run], 'ppm')} in {run}" for run, drift in drifts_ppm.items()]
+def no_clock(columns: Sequence[str], drifts_ppm: Mapping[str, float], sds_ppm: Mapping[str, float], limit_ppm: float) -> str:
+    drifts = _by_run(drifts_ppm, sds_ppm, "ppm")
     return (
-        f"The simulation's {listing(list(columns))} would need time stamps that are off by {listing(drifts)}. Clocks are off by "
+        f"The simulation's {listing(columns)} would need time stamps that are off by {drifts}. Clocks are off by "
         f"less than {limit_ppm:g} ppm: rather a time constant of the simulator is wrong, such as its thermal model's. No time "
         "offset was taken out; if it is the clock, correct the time stamps."
     )
 
 
-def _clock(run: str, offset_s: float, offset_sd_s: float, drift_ppm: float, drift_sd_ppm: float, column: str) -> str:
+def clock(run: str, offset_s: float, offset_sd_s: float, drift_ppm: float, drift_sd_ppm: float, column: str) -> str:
     return (
         f"The clock of {run}'s simulation differs from the recording's: {estimate_text(offset_s, offset_sd_s, 's')} and "
         f"{estimate_text(drift_ppm, drift_sd_ppm, 'ppm')} of the time that passes were added to its time stamps (from {column})."
     )
 
 
-def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int) -> str:
+def rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int) -> str:
     parts = [f"{not_simulated} rows that its simulation does not cover"] if not_simulated else []
     if turning_unevenly:
         parts.append(
@@ -388,14 +338,14 @@ def _rows_without_simulation(run: str, not_simulated: int, turning_unevenly: int
     return f"{run}: {listing(parts)} are left out."
 
 
-def _in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
+def in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
     return (
-        f"{region_words(mechanism)} acts in {listing(list(runs))} alone, of {of} training runs: whether it acts in another run is "
+        f"{region_words(mechanism)} acts in {listing(runs)} alone, of {of} training runs: whether it acts in another run is "
         "not known, and test runs are predicted without it."
     )
 
 
-def _strength_by_run(
+def strength_by_run(
     mechanism: str, rms: Mapping[str, float], unit: str, opposite_in: Sequence[str] = (), *, has_mean: bool = False
 ) -> str:
     sizes = listing([f"{value:.3g} {unit} in {run}{' with the other sign' * (run in opposite_in)}" for run, value in rms.items()])
@@ -403,13 +353,13 @@ def _strength_by_run(
     return f"The amplitude of {region_words(mechanism)} differs from run to run: rms {sizes}{mean}."
 
 
-def _amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
-    sizes = listing([f"{estimate_text(value, sds[run], unit)} in {run}" for run, value in differences.items()])
+def amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+    sizes = _by_run(differences, sds, unit)
     return f"{parameter} of the simulator differs from run to run, from the common value by {sizes}."
 
 
-def _clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]) -> str:
-    late = listing([f"{estimate_text(value, sds_s[run], 's')} in {run}" for run, value in offsets_s.items()])
+def clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]) -> str:
+    late = _by_run(offsets_s, sds_s, "s")
     return (
         f"The clock of the simulation is off: the recording shows at a time t what it shows at t less {late}. No monitor tells it, "
         "all runs together do; no physics is missing there."
@@ -424,7 +374,7 @@ _READINGS: Final = {
 _IN_TIME: Final = 0.05  # of a sample
 
 
-def _time_stamp_convention(
+def time_stamp_convention(
     run: str, column: str, means: str, instead: str, late_samples: float, sd_samples: float, left_out: float
 ) -> str:
     how = _READINGS[means].format(instead=instead)
@@ -439,13 +389,13 @@ def _time_stamp_convention(
     )
 
 
-def _identity(column: str, output_is: str) -> str:
+def identity(column: str, output_is: str) -> str:
     what = "its rate of change" if output_is == "rate" else "its integral over time"
     laws = "laws of its memory" if output_is == "rate" else "laws of it"
     return f"{column} is another reading of the output, which is {what}: {laws} without a name were left out."
 
 
-def _simulation_scaled(ratio: float, correlation: float, wrong_sign: bool, wrong_unit: bool) -> str:
+def simulation_scaled(ratio: float, correlation: float, wrong_sign: bool, wrong_unit: bool) -> str:
     doubt = "is its sign right?" if wrong_sign else "is its unit right (gyro_deg_h holds deg/h)?"
     if wrong_sign and wrong_unit:
         doubt = "are its sign and its unit right (gyro_deg_h holds deg/h)?"
@@ -453,74 +403,26 @@ def _simulation_scaled(ratio: float, correlation: float, wrong_sign: bool, wrong
     return f"The recordings are about {times} the output of your simulator (correlation {correlation:.2f}): {doubt}"
 
 
-def _absorbed(mechanisms: Sequence[str]) -> str:
-    return f"Not tried, because the simulator's own terms can take its place in these runs: {listing(list(mechanisms))}."
-
-
-def _run_lacks_column(run: str, columns: Sequence[str]) -> str:
-    return f"{run} lacks {listing(list(columns))}, which a finding reads: it takes no part in the proof."
-
-
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {
-    "diagnosis.nothing_missing": _nothing,
-    "diagnosis.nothing_named": _nothing_named,
-    "diagnosis.causes": _causes,
-    "diagnosis.law": _law,
-    "diagnosis.wander": _wander,
-    "diagnosis.louder": _louder,
-    "diagnosis.gain": _gain,
-    "diagnosis.no_gain": _no_gain,
-    "diagnosis.loss": _loss,
-    "diagnosis.no_test_runs": "No run was given with --test, so nothing is proven: the numbers are those of the training runs.",
-    "diagnosis.worse_in_training": _worse_in_training,
-    "diagnosis.null_possible": _possible_null,
-    "diagnosis.set_uncertain": _set_uncertain,
-    "diagnosis.indistinguishable": _alike,
-    "diagnosis.perhaps_nothing": _perhaps_nothing,
-    "diagnosis.file_gain": _file_gain,
-    "diagnosis.gain_of_numbers": _gain_of_numbers,
-    "diagnosis.compensation_better": _compensation_better,
-    "diagnosis.learnt_from_columns": _learnt,
-    "diagnosis.wrong_number": _wrong_number,
-    "diagnosis.bias_step": _step,
-    "diagnosis.run_biases": _run_biases,
-    "diagnosis.late_thermometer": _late_thermometer,
-    "diagnosis.late_monitor": _late_monitor,
-    "diagnosis.cancelling": _cancelling,
-    "diagnosis.unidentified": _unidentified,
-    "diagnosis.approximate": _approximate,
-    "diagnosis.jumps": _jumps,
-    "diagnosis.unstated": _unstated,
-    "diagnosis.other_form": _other_form,
-    "diagnosis.rested": _rested,
-    "diagnosis.extrapolated": _extrapolated,
-    "diagnosis.next_experiment": _programme,
-    "diagnosis.no_programme_parts": _undecided,
-    "diagnosis.not_in_file": _not_in_file,
-    "diagnosis.beside_own_simulator": ("augmented.yaml holds the findings alone: add its prediction to that of {simulator}."),
-    "diagnosis.file_differs": (
+TEXTS: Final = {
+    "not_tried": "Not tried, because the runs lack a column that they read: {mechanisms}.",
+    "left_out": "Left out of the candidates as requested: {mechanisms}.",
+    "only": "Only these candidates were tried, beside laws without a name: {mechanisms}.",
+    "confirmed": "{runs} took part in the choice of the set and not in the fit: given with --confirm, no proof.",
+    "absorbed": "Not tried, because the simulator's own terms can take its place in these runs: {mechanisms}.",
+    "run_lacks_column": "{run} lacks {columns}, which a finding reads: it takes no part in the proof.",
+    "unidentified": "These runs do not determine {parameters} of {mechanism}: the error exceeds the value.",
+    "no_test_runs": "No run was given with --test, so nothing is proven: the numbers are those of the training runs.",
+    "beside_own_simulator": "augmented.yaml holds the findings alone: add its prediction to that of {simulator}.",
+    "other_form": (
+        "The form found for {mechanism} is not the catalogue's equation: {equation}; diagnosis.json and the figure give the "
+        "function found."
+    ),
+    "file_differs": (
         "augmented.yaml predicts the training runs otherwise than the fit, by {error:.2g} times the noise of a {averaging_s:.3g} s "
         "mean."
     ),
-    "diagnosis.noise_not_as_stated": _noise,
-    "diagnosis.not_tried": _not_tried,
-    "diagnosis.left_out": _left_out,
-    "diagnosis.only": _only,
-    "diagnosis.confirmed": _confirmed,
-    "diagnosis.run_lacks_column": _run_lacks_column,
-    "diagnosis.absorbed": _absorbed,
-    "diagnosis.in_some_runs": _in_some_runs,
-    "diagnosis.strength_by_run": _strength_by_run,
-    "diagnosis.amplitude_by_run": _amplitude_by_run,
-    "diagnosis.clock_of_all_runs": _clock_of_all_runs,
-    "diagnosis.time_stamp_convention": _time_stamp_convention,
-    "diagnosis.rate_of_encoder": (
+    "rate_of_encoder": (
         "{run} has no rate of the table: it is taken as the mean over each sample, from {column}; rows of which that does not tell "
         "the rate, those at the ends and some at gaps, are left out: {rows}."
     ),
-    "diagnosis.identity": _identity,
-    "diagnosis.simulation_scaled": _simulation_scaled,
-    "diagnosis.no_clock": _no_clock,
-    "diagnosis.clock": _clock,
-    "diagnosis.rows_without_simulation": _rows_without_simulation,
 }

@@ -2,34 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 from rlgcomp.report.messages.wording import listing
 
 
-def _out_of_range(run: str, percent: float, inputs: list[str]) -> str:
+def out_of_range(run: str, percent: float, inputs: list[str]) -> str:
     which = f" of {listing(inputs)}" if inputs else ""
     return f"{run}: {percent:.0f} % of the samples lie outside the training range{which}; the model extrapolates."
 
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {
-    "evaluation.trained_on": "{run} was used for training, at least in part: its residual proves nothing.",
-    "evaluation.model_trained_on": "{model}: {run} was used for training, at least in part: its residual proves nothing.",
-    "evaluation.worse": (
+TEXTS: Final = {
+    "trained_on": "{run} was used for training, at least in part: its residual proves nothing.",
+    "model_trained_on": "{model}: {run} was used for training, at least in part: its residual proves nothing.",
+    "worse": (
         "{run}: this compensation is {times:.3g} times worse than none; the 95 % interval of the factor, {factor_low:.2g} to "
         "{factor_high:.2g}, lies below 1."
     ),
-    "evaluation.no_gain": (
+    "no_gain": (
         "{run}: no gain in stability can be claimed; the 95 % interval of the factor, {factor_low:.2f} to {factor_high:.2f}, "
         "includes 1."
     ),
-    "evaluation.offset": (
+    "offset": (
         "{run}: the residual has a mean of {mean_deg_h:+.3g} deg/h, more than its scatter: an offset since training (switch-on, "
         "mounting, Earth rate) that no monitor explains."
     ),
-    "evaluation.out_of_range": _out_of_range,
-    "evaluation.cubic_suffices": (
+    "cubic_suffices": (
         "A cubic in {features} alone has a residual of {cubic_rms_deg_h:.3g} deg/h rms, no more than this model: nothing is gained "
         "over the cubic."
     ),

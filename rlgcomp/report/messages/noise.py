@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from rlgcomp.report.messages.wording import estimate_text, time_text, value_or_limit
@@ -20,17 +20,16 @@ def _p(p_value: float) -> str:
     return f"p = {p_value:.1g}" if p_value >= 1e-99 else "p < 1e-99"
 
 
-def _segment(slope: float, slope_sd: float, from_s: float, to_s: float, mixed_with: str | None, **rest: Any) -> str:
-    del rest
+def _segment(slope: float, slope_sd: float, from_s: float, to_s: float, mixed_with: str | None, **_: Any) -> str:
     mixed = f" (mixed with {mixed_with})" if mixed_with else ""
     return f"slope {estimate_text(slope, slope_sd, '1')} from {time_text(from_s)} to {time_text(to_s)}{mixed}"
 
 
-def _slope(coefficient: str, value: float, sd: float, upper_limit: float | None, **segment: Any) -> str:
+def slope(coefficient: str, value: float, sd: float, upper_limit: float | None, **segment: Any) -> str:
     return f"{_segment(**segment)}: {_INDICATED[coefficient].format(value_or_limit(value, sd, upper_limit))}"
 
 
-def _slope_quantization(
+def slope_quantization(
     value: float,
     sd: float,
     upper_limit: float | None,
@@ -47,18 +46,18 @@ def _slope_quantization(
     )
 
 
-def _slope_with_base_motion(noise: str, **segment: Any) -> str:
+def slope_with_base_motion(noise: str, **segment: Any) -> str:
     return f"{_segment(**segment)}: the slope of {noise}, but the base moves"
 
 
-def _misfit(misfit: float, p_value: float) -> str:
+def misfit(misfit: float, p_value: float) -> str:
     return (
         f"the five noises do not describe this curve: its variances depart from their sum by {100 * misfit:.0f} % beyond chance "
         f"({_p(p_value)}); the standard errors allow for it"
     )
 
 
-def _not_stationary(
+def not_stationary(
     tau_s: float,
     largest_deg_h: float,
     largest_from_s: float,
@@ -81,19 +80,19 @@ def _lines(share: float, frequency_hz: Sequence[float]) -> str:
     return f"{100 * share:.0f} % of the variance is in narrow lines (at {at} Hz, as sampled)"
 
 
-def _narrow_lines(share: float, frequency_hz: Sequence[float], accelerometers: Sequence[str]) -> str:
+def narrow_lines(share: float, frequency_hz: Sequence[float], accelerometers: Sequence[str]) -> str:
     shown = f", which {', '.join(accelerometers)} also show{'s' if len(accelerometers) == 1 else ''}" if accelerometers else ""
     return f"{_lines(share, frequency_hz)}{shown}: residual dither of this gyro or its neighbours, or a steady vibration"
 
 
-def _pulse_beat(share: float, frequency_hz: Sequence[float], beat_hz: float) -> str:
+def pulse_beat(share: float, frequency_hz: Sequence[float], beat_hz: float) -> str:
     return (
         f"{_lines(share, frequency_hz)}: the mean rate makes {beat_hz:.4g} pulses a second, and the lines are multiples of it: the "
         "beat of counting whole pulses, not motion; it fades in longer averages"
     )
 
 
-def _base_motion(
+def base_motion(
     accelerometer: str, coherence: float, frequency_hz: float, share: float, power_correlation: float, power_p_value: float
 ) -> str:
     return (
@@ -102,14 +101,14 @@ def _base_motion(
     )
 
 
-def _table_turns(columns: Sequence[str]) -> str:
+def table_turns(columns: Sequence[str]) -> str:
     return (
         f"the table turns ({', '.join(columns)}): its motion and harmonics of the rotation are in this curve; `rlgcomp arw` "
         "estimates the noise of a turning gyro"
     )
 
 
-def _angle_outliers(
+def angle_outliers(
     *, run: str, gyro: str, places: int, first_s: float, step_arcsec: float, step_sd: float, left_out_s: float
 ) -> str:
     where = f"at {first_s:.6g} s" if places == 1 else f"in {places} places, first at {first_s:.6g} s"
@@ -119,57 +118,45 @@ def _angle_outliers(
     )
 
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {
-    "noise.slope": _slope,
-    "noise.slope_quantization": _slope_quantization,
-    "noise.slope_with_base_motion": _slope_with_base_motion,
-    "noise.maximum": (
+TEXTS: Final = {
+    "maximum": (
         "the curve rises to a maximum at {tau_s:.3g} s and falls again: an oscillation or motion near {frequency_hz:.1g} Hz, which "
         "none of the five noises makes"
     ),
-    "noise.misfit": _misfit,
-    "noise.curve_ends_early": (
+    "curve_ends_early": (
         "the curve ends at {last_tau_s:.3g} s: {gaps} gaps leave no part of {recorded_s:.3g} s longer than {longest_part_s:.3g} s, "
         "and no difference spans a gap; where single samples are missing, means over ten go further: "
         "allan_deviation(recording.averaged({averaging_s:g})) in Python"
     ),
-    "noise.not_stationary": _not_stationary,
-    "noise.narrow_lines": _narrow_lines,
-    "noise.pulse_beat": _pulse_beat,
-    "noise.base_motion": _base_motion,
-    "noise.base_motion_limits": "base motion is no noise of the gyro: take these deviations as upper limits, or isolate the base",
-    "noise.no_base_motion": "no accelerometer shows base motion",
-    "noise.no_accelerometer": "without an accelerometer, base motion cannot be separated from a change of the gyro's noise",
-    "noise.temperature_changes": (
+    "base_motion_limits": "base motion is no noise of the gyro: take these deviations as upper limits, or isolate the base",
+    "no_base_motion": "no accelerometer shows base motion",
+    "no_accelerometer": "without an accelerometer, base motion cannot be separated from a change of the gyro's noise",
+    "temperature_changes": (
         "{column} changes by {range_K:.1f} K: slow variations are drift of the gyro; Q and N hold, B, K and R do not"
     ),
-    "noise.table_turns": _table_turns,
-    "noise.turntable": (
+    "turntable": (
         "this is a turntable recording without an encoder: motion of the table and harmonics of the rotation may be in this curve; "
         "`rlgcomp arw` estimates the noise of a turning gyro"
     ),
-    "noise.read_in_pieces": (
-        "the recording was read in pieces: stationarity, base motion, temperature and rotation were not checked"
-    ),
-    "noise.encoder_delay_unknown": (
+    "read_in_pieces": ("the recording was read in pieces: stationarity, base motion, temperature and rotation were not checked"),
+    "encoder_delay_unknown": (
         "The encoder's delay is unknown: at one constant rate it is inseparable from the angle at which the gyros began to count. "
         "Record the start-up, or two rates. N does not depend on it."
     ),
-    "noise.cross_check_disagrees": (
+    "cross_check_disagrees": (
         "{run}, {gyro} at {rate_deg_s:.4g} deg/s: the cross-check without harmonic fit disagrees (p = {p_value:.1g}). The record "
         "contains noise that is neither white nor repeats with the angle; quote neither value alone."
     ),
-    "noise.spectrum_misfit": (
+    "spectrum_misfit": (
         "{run}, {gyro} at {rate_deg_s:.4g} deg/s: the spectrum below {highest_hz:.3g} Hz is not the sum of the four noises "
         "(p = {p_value:.1g}), however narrow the band. Look at the figure: table motion and dither show as humps."
     ),
-    "noise.encoder_subtracted": (
+    "encoder_subtracted": (
         "{run}, {gyro} at {rate_deg_s:.4g} deg/s: the table's rate wandered, as gyro and encoder agree, so the encoder's motion "
         "was subtracted. Its noise widens the error of N."
     ),
-    "noise.angle_random_walk_not_resolved": (
+    "angle_random_walk_not_resolved": (
         "{run}, {gyro} at {rate_deg_s:.4g} deg/s: N is not resolved. Take it as an upper limit, and record longer or with finer "
         "pulses."
     ),
-    "noise.angle_outliers": _angle_outliers,
 }

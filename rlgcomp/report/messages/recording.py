@@ -5,54 +5,54 @@ A function here takes `run`, the name of a recording, where a message also stand
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from rlgcomp.report.messages.column_names import suggested_gyro, suggested_time
 from rlgcomp.units import value_and_sd
 
 
-def _time_stamps_left_out(*, repeated: int, backward: int) -> str:
+def time_stamps_left_out(*, repeated: int, backward: int) -> str:
     kinds = [f"{repeated} repeated" if repeated else "", f"{backward} backward" if backward > 0 else ""]
     return f"{' and '.join(kind for kind in kinds if kind)} time stamps, rows left out"
 
 
-def _no_time_column(*, columns: Sequence[str], dated: Sequence[str]) -> str:
+def no_time_column(*, columns: Sequence[str], dated: Sequence[str]) -> str:
     here = suggested_time(columns, dated)
     general = "map the time with --map time_s='NAME [unit]', of two columns with 'DATE + TIME'"
     how = f"map the time, here probably with {here}" if here else general
     return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
 
 
-def _no_gyro_column(*, columns: Sequence[str]) -> str:
+def no_gyro_column(*, columns: Sequence[str]) -> str:
     here = suggested_gyro(columns)
     how = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
     return f"no gyro column; the columns are {_listed(columns)}; {how}"
 
 
-def _names_in_remark(*, columns: Sequence[str]) -> str:
+def names_in_remark(*, columns: Sequence[str]) -> str:
     return f"the columns are named in a remark above the numbers: {_listed(columns)}"
 
 
-def _no_names(*, columns: Sequence[str]) -> str:
+def no_names(*, columns: Sequence[str]) -> str:
     return (
         f"the first row holds numbers, so the columns have no names and are counted from {columns[0]} to {columns[-1]}; "
         f"name one by its place, as in --map gyro_z_deg_s={columns[-1]}"
     )
 
 
-def _left_out(*, rows: int, names: Sequence[str], count: int) -> str:
+def left_out(*, rows: int, names: Sequence[str], count: int) -> str:
     more = f" and {count - len(names)} more" if count > len(names) else ""
     return f"the table has {rows} rows; not taken: {_listed(names)}{more}"
 
 
-def _units_row(*, rows: int, units: Mapping[str, str], other: Sequence[str]) -> str:
+def units_row(*, rows: int, units: Mapping[str, str], other: Sequence[str]) -> str:
     stated = ", ".join(f"{name} in {unit}" for name, unit in units.items())
     text = f"{rows} row{'s' if rows > 1 else ''} below the names hold{'' if rows > 1 else 's'} no numbers"
     return text + (f"; taken as units: {stated}" if stated else "") + (f"; left out: {_listed(other)}" if other else "")
 
 
-def _repeated_columns(*, columns: Sequence[str]) -> str:
+def repeated_columns(*, columns: Sequence[str]) -> str:
     return f"column names appear twice: {_listed(columns)}; rename one"
 
 
@@ -60,7 +60,7 @@ def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) or "none"
 
 
-def _other_delay(*, run: str, delay_s: float) -> str:
+def other_delay(*, run: str, delay_s: float) -> str:
     late = "late" if delay_s > 0.0 else "early"
     return (
         f"{run}: its gyro follows the temperature as in the other runs once the monitors are moved by {abs(delay_s):.3g} s: they "
@@ -68,20 +68,20 @@ def _other_delay(*, run: str, delay_s: float) -> str:
     )
 
 
-def _uneven_steps(*, share: float, period_s: float) -> str:
+def uneven_steps(*, share: float, period_s: float) -> str:
     return f"{100 * share:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter"
 
 
-def _missing_values(*, held: int, left_out: int) -> str:
+def missing_values(*, held: int, left_out: int) -> str:
     parts = [f"{held} held at the last value" if held else "", f"rows of {left_out} left out" if left_out else ""]
     return f"{held + left_out} values missing: {', '.join(part for part in parts if part)}"
 
 
-def _mostly_missing(*, share: float) -> str:
+def mostly_missing(*, share: float) -> str:
     return f"values are missing in {100 * share:.0f} % of the rows; mend the file, or --drop the columns above"
 
 
-def _noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str], source: str) -> str:
+def noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str], source: str) -> str:
     maps = " or ".join(_map(column, source, other) for other in likely_units)
     return (
         f"its white noise would be {noise_deg_sqrt_h:.1e} deg/√h, less than any gyro's, so the unit is hardly {unit}; "
@@ -89,7 +89,7 @@ def _noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, li
     )
 
 
-def _unit_contradicts_table(*, column: str, slope: float, unit: str, likely_unit: str, source: str) -> str:
+def unit_contradicts_table(*, column: str, slope: float, unit: str, likely_unit: str, source: str) -> str:
     return (
         f"its slope against the table's rate is {slope:.4g}, as if the gyro were in {likely_unit}: then state "
         f"{_map(column, source, likely_unit)}; otherwise table_rate_deg_s may be in another unit; if {unit} is right, state that: "
@@ -101,11 +101,11 @@ def _map(column: str, source: str, unit: str) -> str:
     return f"--map {column}='{source} [{unit}]'"
 
 
-def _stuck_gyro(*, value: float, samples: int, saturated: bool) -> str:
+def stuck_gyro(*, value: float, samples: int, saturated: bool) -> str:
     return f"{'saturated' if saturated else 'stuck'} at {value:.6g} for {samples} samples in all, rows left out"
 
 
-def _stuck_monitor(*, column: str, segments: Sequence[Mapping[str, float]], run: str | None = None) -> str:
+def stuck_monitor(*, column: str, segments: Sequence[Mapping[str, float]], run: str | None = None) -> str:
     places = ", ".join(f"at {one['value']:.6g} from {one['start_s']:.6g} to {one['end_s']:.6g} s" for one in segments)
     if run is not None:
         return f"{run}: {column} is stuck {places}: windows there are left out; --drop {column} keeps them."
@@ -115,7 +115,7 @@ def _stuck_monitor(*, column: str, segments: Sequence[Mapping[str, float]], run:
     )
 
 
-def _sample_and_hold(*, columns: Sequence[str], interval_s: float, run: str | None = None) -> str:
+def sample_and_hold(*, columns: Sequence[str], interval_s: float, run: str | None = None) -> str:
     subject = f"{columns[0]} is" if len(columns) == 1 else f"{len(columns)} monitors, {columns[0]} the first, are"
     text = f"{subject} read every {interval_s:.3g} s and held in between"
     return f"{text}; a diagnosis interpolates the readings" if run is None else f"{run}: {text}; the readings are interpolated."
@@ -130,17 +130,17 @@ _TREATMENTS: Final = {
 }
 
 
-def _gyro_outliers(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
+def gyro_outliers(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
     text = f"{_deviating(samples, largest_sd, first_s)}: shocks or faults of the logger"
     return _treated(text, column, treatment, run, "training, evaluation and diagnosis leave them out")
 
 
-def _count_errors(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
+def count_errors(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
     text = f"{_deviating(samples, largest_sd, first_s)}, as at no other passage of the table: count errors or faults of the logger"
     return _treated(text, column, treatment, run, "evaluation and diagnosis replace them")
 
 
-def _monitor_outliers(*, column: str, samples: int, first_s: float, treatment: str, run: str | None) -> str:
+def monitor_outliers(*, column: str, samples: int, first_s: float, treatment: str, run: str | None) -> str:
     deviate = f"{samples} samples deviate" if samples > 1 else "1 sample deviates"
     text = f"{deviate} from both neighbours as no other does, the first at {first_s:.6g} s: faults of the logger"
     return _treated(text, column, treatment, run, "training and diagnosis interpolate them")
@@ -158,9 +158,7 @@ def _treated(text: str, column: str, treatment: str, run: str | None, elsewhere:
     return text if run is None else f"{run}, {column}: {text}."
 
 
-def _merged_clock(
-    other: str, column: str, offset_s: float, drift_ppm: float, offset_sd_s: float, drift_sd_ppm: float | None
-) -> str:
+def merged_clock(other: str, column: str, offset_s: float, drift_ppm: float, offset_sd_s: float, drift_sd_ppm: float | None) -> str:
     value, sd = value_and_sd(offset_s, offset_sd_s)
     text = f"by {column} {value} ± {sd} s are to be added to the time of {other}"
     if drift_sd_ppm is None:
@@ -169,229 +167,191 @@ def _merged_clock(
     return f"{text}, whose clock is slow by {value} ± {sd} ppm"
 
 
-def _merged_interpolated(columns: list[str], other: str, period_s: float) -> str:
+def merged_interpolated(columns: list[str], other: str, period_s: float) -> str:
     return f"{', '.join(columns)} of {other}, read every {period_s:.6g} s, interpolated: they are slow for their logger"
 
 
-def _merged_averaged(columns: list[str], other: str, period_s: float, window_s: float) -> str:
+def merged_averaged(columns: list[str], other: str, period_s: float, window_s: float) -> str:
     return f"{', '.join(columns)} of {other}, read every {period_s:.6g} s, are means over {window_s:.6g} s about each row"
 
 
-TEXTS: Final[dict[str, str | Callable[..., str]]] = {
+TEXTS: Final = {
     # time
-    "recording.rows_without_time": "{rows} rows without a time left out",
-    "recording.time_too_coarse": (
+    "rows_without_time": "{rows} rows without a time left out",
+    "time_too_coarse": (
         "{repeated} of {rows} time stamps repeat the one before: the time was written with too few digits; write more, or "
         "leave it out and give the sample period with --period-s"
     ),
-    "recording.time_runs_backwards": (
+    "time_runs_backwards": (
         "time runs backwards: {before_s:.9g} s is followed by {after_s:.9g} s, and {rows} rows are out of order; if a second run "
         "begins there, split the file in two; otherwise sort it"
     ),
-    "recording.time_stamps_left_out": _time_stamps_left_out,
-    "recording.time_since_1970": (
-        "begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='{source} [{unit}]'"
-    ),
-    "recording.time_in_days": (
+    "time_since_1970": ("begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='{source} [{unit}]'"),
+    "time_in_days": (
         "begins at {first:.6g} with a step of {period_s:.3g} s: that looks like days; map it with --map time_s='{source} [d]', or "
         "with [excel] or [mjd] to know the dates"
     ),
-    "recording.roll_over": "the clock begins again {times} times, after {clock} ({range_s:.10g} s): undone, it now runs on",
-    "recording.clock_put_forward": "from {before} to {after} the clock was put forward by an hour: undone",
-    "recording.repeated_stamps_spread": (
+    "roll_over": "the clock begins again {times} times, after {clock} ({range_s:.10g} s): undone, it now runs on",
+    "clock_put_forward": "from {before} to {after} the clock was put forward by an hour: undone",
+    "repeated_stamps_spread": (
         "{stamps} time stamps repeat beside a step that has room for them: put back on the clock of {period_s:.6g} s"
     ),
-    "recording.unusual_period": (
+    "unusual_period": (
         "a sample every {period_s:.3g} s, {hours:.3g} h in all: if the time is not in seconds, state its unit with "
         "--map time_s='NAME [unit]'"
     ),
-    "recording.gaps": "{gaps} gaps, the longest {longest_s:.6g} s; averages leave out windows less than 80 % full",
-    "recording.uneven_steps": _uneven_steps,
-    "recording.bursts": (
+    "gaps": "{gaps} gaps, the longest {longest_s:.6g} s; averages leave out windows less than 80 % full",
+    "bursts": (
         "{bursts} bursts of {length_s:.4g} s with pauses between them: each is a window, in place of windows of {window_s:.4g} s"
     ),
-    "recording.dates": "read as dates, the first {written}, and counted in seconds from {first}",
-    "recording.clock_times": "clock times such as {written!r} counted in seconds from midnight",
-    "recording.ambiguous_dates": (
+    "dates": "read as dates, the first {written}, and counted in seconds from {first}",
+    "clock_times": "clock times such as {written!r} counted in seconds from midnight",
+    "ambiguous_dates": (
         "dates such as {first!r} may begin with the day or with the month; state which: --map time_s='NAME [dd/mm/yyyy]' or "
         "--map time_s='NAME [mm/dd/yyyy]'"
     ),
-    "recording.not_times": (
+    "not_times": (
         "{entries} entries are neither numbers nor dates, the first {first!r}; give seconds, or dates as 2026-03-01 12:00:00 or "
         "01.03.2026 12:00:00"
     ),
-    "recording.decimal_comma": "numbers are written with a decimal comma",
-    "recording.thousands": "signs between thousands, as in {written!r}, are no decimal signs",
-    "recording.names_in_remark": _names_in_remark,
-    "recording.no_names": _no_names,
-    "recording.units_row": _units_row,
-    "recording.repeated_header": "{rows} rows repeat the names or units of the columns, left out",
-    "recording.segments": (
-        "{segments} segments begin again at their first time: placed by the dates of their headers, from {first} on"
-    ),
-    "recording.empty_time": "every value is missing (NaN); mend the file",
+    "decimal_comma": "numbers are written with a decimal comma",
+    "thousands": "signs between thousands, as in {written!r}, are no decimal signs",
+    "repeated_header": "{rows} rows repeat the names or units of the columns, left out",
+    "segments": ("{segments} segments begin again at their first time: placed by the dates of their headers, from {first} on"),
+    "empty_time": "every value is missing (NaN); mend the file",
     # columns and entries
-    "recording.left_out": _left_out,
-    "recording.other_time_base": (
-        "{columns} have {rows} rows on a time base of their own: interpolated at the {of} times of the others"
-    ),
-    "recording.repeated_columns": _repeated_columns,
-    "recording.no_time_column": _no_time_column,
-    "recording.no_gyro_column": _no_gyro_column,
-    "recording.too_few_rows": "{rows} rows: too short to average; at least {least} rows are needed",
-    "recording.few_usable_rows": "only {rows} usable rows are left; at least {least} are needed to average",
-    "recording.not_numbers": "{entries} entries are no numbers, the first {first!r}",
-    "recording.too_many_words": (
+    "other_time_base": ("{columns} have {rows} rows on a time base of their own: interpolated at the {of} times of the others"),
+    "too_few_rows": "{rows} rows: too short to average; at least {least} rows are needed",
+    "few_usable_rows": "only {rows} usable rows are left; at least {least} are needed to average",
+    "not_numbers": "{entries} entries are no numbers, the first {first!r}",
+    "too_many_words": (
         "{entries} of {of} entries are no numbers, the first {first!r}; {allowed} are allowed, whose rows are left out: a gyro "
         "beyond its range has wrong means; record with a wider range, or give the rows without them, or leave these cells empty "
         "where there was no reading"
     ),
-    "recording.text_column": "{entries} of {of} entries are no numbers, the first {first!r}: left out",
-    "recording.absurd_values": "{values} values are infinite or beyond {largest:.0e}: they count as missing",
-    "recording.empty_gyro": "every value is missing (NaN); leave the column out with --drop {column}, or mend the file",
-    "recording.empty_monitor": "every value is missing (NaN), left out",
-    "recording.dark_readouts": "its sum with {other} is 0 in {rows} rows: both count as missing",
-    "recording.missing_gyro_values": "{values} values missing, rows left out",
-    "recording.missing_values": _missing_values,
-    "recording.blanks_between_readings": (
+    "text_column": "{entries} of {of} entries are no numbers, the first {first!r}: left out",
+    "absurd_values": "{values} values are infinite or beyond {largest:.0e}: they count as missing",
+    "empty_gyro": "every value is missing (NaN); leave the column out with --drop {column}, or mend the file",
+    "empty_monitor": "every value is missing (NaN), left out",
+    "dark_readouts": "its sum with {other} is 0 in {rows} rows: both count as missing",
+    "missing_gyro_values": "{values} values missing, rows left out",
+    "blanks_between_readings": (
         "is read every {interval_s:.6g} s and blank in between: the readings are held, and {left_out} rows without one are left out"
     ),
-    "recording.mostly_missing": _mostly_missing,
     # units
-    "recording.unit_of_name": (
+    "unit_of_name": (
         "read in {unit}, in which its name {source!r} ends; if it is in another, state that, as in '{source} [{wanted}]'"
     ),
-    "recording.unit_not_understood": (
+    "unit_not_understood": (
         "its name {source!r} ends in {unit!r}, which may be a unit: taken as {wanted}; state which it is, as in "
         "'{source} [{wanted}]'"
     ),
-    "recording.kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{source} [K]'",
-    "recording.noise_below_any_gyro": _noise_below_any_gyro,
-    "recording.unit_contradicts_table": _unit_contradicts_table,
-    "recording.mean_above_earth_rate": (
-        "the mean is {mean_deg_h:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map"
-    ),
-    "recording.error_values": "{values} values are {written}, which loggers write for no reading: they count as missing",
-    "recording.counter_overflow": (
+    "kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{source} [K]'",
+    "mean_above_earth_rate": "the mean is {mean_deg_h:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map",
+    "error_values": "{values} values are {written}, which loggers write for no reading: they count as missing",
+    "counter_overflow": (
         "jumps {jumps} times by {modulus:.6g}, as a counter of few bits read without its sign: undone, the values now run on"
     ),
-    "recording.impossible_temperatures": (
+    "impossible_temperatures": (
         "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: they count as missing"
     ),
-    "recording.no_temperatures": (
+    "no_temperatures": (
         "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: state the unit, or the step of "
         "the converter, with --map {column}='{source} [0.01 degC]'"
     ),
-    "recording.repeated_values": "every value is written {times} times: one row of each remains, every {period_s:.6g} s",
+    "repeated_values": "every value is written {times} times: one row of each remains, every {period_s:.6g} s",
     # channels
-    "recording.dead_channel": "never changes from {value:.6g}: the channel is dead; choose another with --map or --drop",
-    "recording.stuck_gyro": _stuck_gyro,
-    "recording.saturated_gyro": (
+    "dead_channel": "never changes from {value:.6g}: the channel is dead; choose another with --map or --drop",
+    "saturated_gyro": (
         "has the value {value:.6g}, the end of its range, in {samples} of {rows} samples: it is saturated, and its means are wrong "
         "by what is cut off; record with a wider range, or --drop it"
     ),
-    "recording.running_sum": (
+    "running_sum": (
         "holds a running sum of pulses, from {least:.6g} to {greatest:.6g}: a row needs the pulses since the row before; write the "
         "differences of its rows instead, and undo overflows of the counter"
     ),
-    "recording.stuck_thermometer": "stuck for {duration_s:.0f} s while another thermometer moved, rows left out",
-    "recording.stuck_monitor": _stuck_monitor,
-    "recording.sample_and_hold": _sample_and_hold,
-    "recording.encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
-    "recording.constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
+    "stuck_thermometer": "stuck for {duration_s:.0f} s while another thermometer moved, rows left out",
+    "encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
+    "constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
     # merging two loggers
-    "recording.merged_clock": _merged_clock,
-    "recording.merged_stated_clock": (
+    "merged_stated_clock": (
         "{offset_s:.6g} s are added to the time of {other}, whose clock is taken to be slow by {drift_ppm:.4g} ppm, as stated"
     ),
-    "recording.merged_dates": (
+    "merged_dates": (
         "by the dates of both files {other} begins {offset_s:.6g} s after {name}; the two share no channel that would show whether "
         "their clocks agree"
     ),
-    "recording.merged_twice": "both files have it; that of {name} stays",
-    "recording.merged_uncovered": "{rows} rows are left out, which {other} does not cover",
-    "recording.merged_interpolated": _merged_interpolated,
-    "recording.merged_averaged": _merged_averaged,
+    "merged_twice": "both files have it; that of {name} stays",
+    "merged_uncovered": "{rows} rows are left out, which {other} does not cover",
     # outliers
-    "recording.gyro_outliers": _gyro_outliers,
-    "recording.count_errors": _count_errors,
-    "recording.monitor_outliers": _monitor_outliers,
     # runs compared with each other
-    "recording.shared_noise": (
-        "{run} has the noise of {other} (correlation {correlation:.2f}), which no two recordings share: it is a copy, in whole "
-        "or in "
-        "part, whatever its clock, offset or sample period. Runs left out then prove nothing; give each recording once."
+    "shared_noise": (
+        "{run} has the noise of {other} (correlation {correlation:.2f}), which no two recordings share: it is a copy, in whole or "
+        "in part, whatever its clock, offset or sample period. Runs left out then prove nothing; give each recording once."
     ),
-    "recording.other_noise": (
+    "other_noise": (
         "{run}, {column}: its noise from sample to sample is {ratio:.3g} times that of the other runs, as of another unit, another "
         "sensor or filtered data. State the unit with --map, or leave the run or the column out."
     ),
-    "recording.other_spectrum": (
+    "other_spectrum": (
         "{run}, {column}: its noise has another spectrum than in the other runs, as of data that were interpolated, smoothed or "
-        "held. "
-        "Use the data as recorded, or leave the run out."
+        "held. Use the data as recorded, or leave the run out."
     ),
-    "recording.other_digit": (
+    "other_digit": (
         "{run}, {column}: its last digit is {ratio:.4g} times that of the other runs, as of another unit. State the unit with "
-        "--map, or "
-        "leave the run or the column out."
+        "--map, or leave the run or the column out."
     ),
-    "recording.held_samples": (
+    "held_samples": (
         "{run}, {column}: {samples} samples repeat the one before, which no other run does: lost samples were held. Leave these "
         "rows out."
     ),
-    "recording.frequent_value": (
+    "frequent_value": (
         "{run}, {column}: {samples} samples are {value:.6g} exactly, which no other run repeats: a value that stands for lost "
         "samples. Leave these rows out."
     ),
-    "recording.equal_columns": (
+    "equal_columns": (
         "{run}: {column} and {other} are equal in each row, in the other runs they are not: one was written twice. Leave one out "
         "with --drop."
     ),
-    "recording.coarse_digit": (
+    "coarse_digit": (
         "{run}, {column}: its last digit is {digit:.3g}, more than the noise of {noise:.3g} in the other runs, which have finer "
         "digits. Write it with all digits, or leave the run or the column out."
     ),
-    "recording.exchanged_thermometers": (
+    "exchanged_thermometers": (
         "{run}: {column} and {other} follow each other in the other order than in the other runs: their names are exchanged. Map "
         "them with --map, or leave the run out."
     ),
-    "recording.other_delay": _other_delay,
-    "recording.other_level": (
-        "{run}, {column}: its median is {level:.4g}, in the other runs {others:.4g}, as of another unit or another sensor. "
-        "State the "
-        "unit with --map, or leave the run or the column out."
+    "other_level": (
+        "{run}, {column}: its median is {level:.4g}, in the other runs {others:.4g}, as of another unit or another sensor. State "
+        "the unit with --map, or leave the run or the column out."
     ),
-    "recording.other_slope": (
+    "other_slope": (
         "{run}, {column}: it changes {ratio:.3g} times as much for each kelvin of {other} as in the other runs, as in another "
-        "unit. "
-        "State the unit with --map, or leave the run or the column out."
+        "unit. State the unit with --map, or leave the run or the column out."
     ),
-    "recording.other_clock": (
+    "other_clock": (
         "{run} has a sample period of {period_s:.4g} s, the other runs {others_s:.4g} s, and the gyro's noise is the same: its "
         "time "
         "is in another unit, or it was thinned out without averaging. Map the time with its unit, as --map time_s='time_s [ms]'."
     ),
-    "recording.other_period": (
+    "other_period": (
         "{run} has a sample period of {period_s:.6g} s, the other runs {others_s:.6g} s, a difference that loggers are seldom set "
         "to: one of the clocks runs fast or slow. Lags and rates of change are wrong by as much."
     ),
-    "recording.changing_noise": (
+    "changing_noise": (
         "{run}, {column}: the noise of its second half is {ratio:.3g} times that of its first, in the other runs {others:.3g} "
         "times: something disturbed one of the halves. Leave that half out, as RUN@START:STOP."
     ),
-    "recording.other_course": (
+    "other_course": (
         "{run}, {column}: it departs by {departure_K:.3g} K rms from the course that {other} foretells by the other runs, as a "
         "thermometer that lost its sign, or another run's. Leave the column or the run out."
     ),
-    "recording.other_response": (
-        "{run}: its gyro follows the temperature {slope:.3g} times as in the other runs: the gyro has another sign or unit. "
-        "State it "
-        "with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
-    ),
-    "recording.other_sign": (
-        "{run}: its gyro has a mean of {mean_deg_h:.4g} deg/h, the other runs {others_deg_h:.4g} deg/h: its sign is reversed. "
-        "State "
+    "other_response": (
+        "{run}: its gyro follows the temperature {slope:.3g} times as in the other runs: the gyro has another sign or unit. State "
         "it with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
+    ),
+    "other_sign": (
+        "{run}: its gyro has a mean of {mean_deg_h:.4g} deg/h, the other runs {others_deg_h:.4g} deg/h: its sign is reversed. "
+        "State it with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
     ),
 }

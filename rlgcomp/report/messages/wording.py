@@ -1,17 +1,34 @@
-"""Numbers and lists as messages, tables and pages print them."""
+"""Numbers, lists and names as messages, tables and pages print them."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Final
 
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.units import SECONDS_PER_HOUR, display_unit
 
 LEAST_P: Final = 1e-12
 _SMALLEST, _LARGEST = -3, 5  # powers of ten that numbers are printed without
 _EPOCH_S: Final = 3e8  # a larger time counts from 1970
 _RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MEMORIES: Final = {
+    "static": "by its value at the moment",
+    "dynamic": "late, or by its rate of change",
+    "rate-independent": "by the path it took, as hysteresis does",
+    "none": "by no driver",
+}
+_REGIONS: Final = {
+    "law": "a law of {0}",
+    "lag": "a delayed law of {0}",
+    "loop": "a hysteresis of {0}",
+    "rate": "a law of the rate of {0}",
+    "product": "a product of {0} and {1}",
+    "between": "a function of the temperature between {0} and {1}",
+}
+_REGION: Final = re.compile(rf"\b({'|'.join(_REGIONS)}):([\w:]+)")
+_LATENT: Final = re.compile(r"(?<![\w ])(wander|unrecorded)\b|(?<=\+ )(wander|unrecorded)\b")
 
 
 def listing(items: Sequence[str], joined: str = "and") -> str:
@@ -21,6 +38,11 @@ def listing(items: Sequence[str], joined: str = "and") -> str:
     'a, b or c'
     """
     return f" {joined} ".join(part for part in (", ".join(items[:-1]), *items[-1:]) if part)
+
+
+def capital(words: str) -> str:
+    """Words with a capital at the beginning."""
+    return words[:1].upper() + words[1:]
 
 
 def probability_text(probability: float, digits: int = 3) -> str:
@@ -178,3 +200,23 @@ def time_text(time_s: float) -> str:
     if abs(time_s) < 300.0:
         return f"{time_s:.3g} s"
     return f"{time_s / 60.0:.3g} min" if abs(time_s) < 2.0 * SECONDS_PER_HOUR else f"{time_s / SECONDS_PER_HOUR:.3g} h"
+
+
+def region_words(text: str) -> str:
+    """Laws without a name in a text as words.
+
+    >>> region_words("law:angle_rad + wander"), region_words("late humidity_percent")
+    ('a law of angle_rad + a slow error of no recorded column', 'the delay of humidity_percent')
+    """
+    text = _REGION.sub(lambda found: _REGIONS[found[1]].format(*found[2].split(":")), text)
+    text = re.sub(r"(^|(?<=\+ ))late (?=\w)", "the delay of ", text)
+    return _LATENT.sub("a slow error of no recorded column", text)
+
+
+def cause_words(text: str) -> str:
+    """Names of mechanisms in a text as words; names of columns stay as they are.
+
+    >>> cause_words("thermal_hysteresis + late temperature_block_degC")
+    'thermal hysteresis + the delay of temperature_block_degC'
+    """
+    return re.sub(r"\w+", lambda found: found[0] if display_unit(found[0]) else found[0].replace("_", " "), region_words(text))
