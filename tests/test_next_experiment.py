@@ -9,8 +9,9 @@ from rlgcomp.diagnosis import design
 from rlgcomp.diagnosis.design import distances, expected, next_experiment
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.laboratory import RateTable
+from rlgcomp.diagnosis.programmes import table_programmes
 from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.table_programmes import RateTable, table_programmes
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator

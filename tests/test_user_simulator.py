@@ -18,9 +18,8 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis.simulators.align import align, no_clocks
-from rlgcomp.diagnosis.simulators.between import values_at
-from rlgcomp.diagnosis.simulators.resampling import Alignment, on_rows, turning_evenly
+from rlgcomp.diagnosis.simulators.align import clock_of, no_clocks
+from rlgcomp.diagnosis.simulators.resampling import Alignment, on_rows, turning_evenly, values_at
 from rlgcomp.diagnosis.simulators.user_simulator import (
     PythonSimulator,
     SimulatedRuns,
@@ -56,6 +55,12 @@ def moved(
     table = simulated.table.iloc[::every]
     time_s = table["time_s"].to_numpy()
     return simulated.replace(table=table.assign(time_s=time_s - offset_s - 1e-6 * drift_ppm * time_s + epoch_s))
+
+
+def align(recording: rlg.Recording, simulated: rlg.Recording, gyro: str | None = None) -> tuple[np.ndarray, Alignment]:
+    """The simulation's gyro on the recording's rows, and how its clock stood."""
+    found = clock_of(recording, simulated, gyro=gyro)
+    return on_rows(recording, simulated, found, gyro=gyro).rate_deg_h, found
 
 
 @pytest.mark.parametrize(

@@ -46,11 +46,14 @@ Rooms, each importing only from those before it:
     decide      what is stated: every threshold
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
     switches    where a sum of a few relays switches, and its steps
+    equations   as LaTeX and expressions, and what their symbols mean
+    parameters  of an equation, and whether it describes a term
     findings    members with their parameters and their functions as tables
     scores      runs before and after
-    record      the data of a diagnosis; remarks, symbols, text, pictures and page read it
+    record      the data of a diagnosis; remarks, text, pictures and page read it
     result      the diagnosis as scripts use it
-    table_programmes  programmes of a turntable
+    laboratory  monitors of a run that has not been made
+    programmes  what a chamber or a table can run
     design      the next experiment
     conventions  time stamps of a table's motion
     prepare     runs without outliers; a user's own simulation

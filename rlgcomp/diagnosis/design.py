@@ -27,12 +27,11 @@ from rlgcomp.diagnosis.baseline import independent
 from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.decide import EXCHANGED
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.laboratory import Laboratory
+from rlgcomp.diagnosis.laboratory import Laboratory, RateTable
 from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.programmes import ChamberRange, chamber_programmes
+from rlgcomp.diagnosis.programmes import ChamberRange, chamber_programmes, table_programmes
 from rlgcomp.diagnosis.record import NextExperiment
 from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.table_programmes import RateTable, table_programmes
 from rlgcomp.diagnosis.turning import with_angle_rows
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording

@@ -21,6 +21,7 @@ from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.evidence import Evidence, columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.identities import Identity, identities, without_identities
+from rlgcomp.diagnosis.laboratory import thermometer_of
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nuisances import nuisances
 from rlgcomp.diagnosis.posterior import Posterior
@@ -197,7 +198,7 @@ class _Engine:
         data.require_windows()
         baseline = Baseline.calibrated(simulator, data, beside)
         if self.turns:
-            regions = list(turning_regions(data, self.candidates, baseline, _temperature(self.runs.train[0])))
+            regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
             data = with_angle_rows(data, _bases(regions), self.output)
         else:
             setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
@@ -428,11 +429,6 @@ def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None
     if noise.angle_random_walk_deg_sqrt_h == 0.0:
         raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
     return noise
-
-
-def _temperature(run: Recording) -> str | None:
-    """The column that the catalogue means by temperature, where a table has a thermometer."""
-    return run.temperature_column if any(column.startswith("temperature_") for column in run.columns) else None
 
 
 def _bases(regions: Iterable[Region]) -> list[Basis]:

@@ -28,7 +28,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -39,10 +39,14 @@ from scipy import linalg, optimize
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.physics.ageing import Ageing
+from rlgcomp.physics.mechanism import TABLE_ANGLE, TABLE_RATE, TEMPERATURE
 from rlgcomp.recording import TIME, Metadata, Recording
+from rlgcomp.recording.motion import RATE
 from rlgcomp.simulation.monitors import NOMINAL_DEG_C
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme, sample_count
+from rlgcomp.simulation.table_programme import TableProgramme
+from rlgcomp.simulation.turntable import Turntable
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
@@ -55,6 +59,7 @@ _WALKS: Final = (0.0, *np.geomspace(0.1, 1000.0, 9))  # standard deviation gathe
 _LARGEST: Final = 4  # quantities that a monitor follows at once
 _VARIANCES: Final = np.geomspace(1e-2, 1e8, 6)  # of a weight, over that of the white noise of a mean
 _EXACTLY: Final = 1e-12  # of a square: rounding
+_OF_THE_TABLE: Final = frozenset((RATE, "table_angle_deg", TABLE_RATE, TABLE_ANGLE, TEMPERATURE))  # what it tells of itself
 
 
 @dataclasses.dataclass(frozen=True)
@@ -267,3 +272,52 @@ def _lagged(temperature_degC: Array, time_s: Array) -> Array:
 def _since_start(time_s: Array) -> Array:
     """A constant, and self-heating since the start of a run."""
     return np.exp(-np.divide.outer(time_s - time_s[0], np.array([math.inf, *_WARMING_S])))
+
+
+@dataclasses.dataclass(frozen=True)
+class RateTable:
+    """What a table's monitors read in a run that has not been made.
+
+    Parameters
+    ----------
+    like : Recording
+        A recorded run: its sample period, latitude, columns and the name of its thermometer are kept.
+    table : Turntable
+    """
+
+    like: Recording
+    table: Turntable
+
+    @classmethod
+    def of(cls, runs: Sequence[Recording], read: Collection[str]) -> RateTable:
+        """Learn from recorded runs, for sets that read some columns.
+
+        Raises
+        ------
+        InputError
+            A column that is read is none that a table tells.
+        """
+        like = max(runs, key=lambda run: run.duration_s)
+        thermometer = thermometer_of(like)
+        unknown = set(read) - _OF_THE_TABLE - {thermometer}
+        if unknown or RATE not in like:
+            raise InputError(f"{like.name}: what {', '.join(sorted(unknown)) or RATE} reads in another run is not known")
+        temperature = like.column(thermometer) if thermometer else np.zeros(2)
+        table = Turntable(
+            latitude_deg=like.metadata.latitude_deg, room_drift_K=0.0, warm_up_K=max(float(temperature[-1] - temperature[0]), 0.0)
+        )
+        return cls(like, table)
+
+    def run_of(self, programme: TableProgramme) -> Recording:
+        """The run that a programme would be, its gyro zero."""
+        _, recorded = self.table.simulate(programme, self.like.period_s, 0)
+        names = {"temperature_block_degC": thermometer_of(self.like) or "temperature_block_degC"}
+        frame = pd.DataFrame(recorded).rename(columns=names).assign(gyro_deg_h=0.0)
+        kept = [column for column in frame.columns if column in self.like or column in ("time_s", "gyro_deg_h")]
+        metadata = dataclasses.replace(self.like.metadata, lead_in_s=0.0)
+        return Recording(frame[kept], metadata, name="next")
+
+
+def thermometer_of(run: Recording) -> str | None:
+    """The column that the catalogue means by temperature; None of a run without thermometers."""
+    return run.temperature_column if any(column.startswith("temperature_") for column in run.columns) else None

@@ -9,10 +9,10 @@ from typing import Any, Final
 import pandas as pd
 
 from rlgcomp.diagnosis import text
+from rlgcomp.diagnosis.equations import symbols
 from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.remarks import gain, headline, remarks
-from rlgcomp.diagnosis.symbols import symbols
 from rlgcomp.files import write_text
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import is_gyro

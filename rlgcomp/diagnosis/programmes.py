@@ -1,18 +1,23 @@
-"""Programmes that a chamber can run: within the temperatures and rates that its recordings show, or that the user states."""
+"""Programmes that a chamber or a turntable can run: within the temperatures and rates that were recorded or are stated."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple, Self
 
 import numpy as np
 
+from rlgcomp.diagnosis.laboratory import thermometer_of
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import rate_per_min
 from rlgcomp.recording import Recording
+from rlgcomp.recording.motion import rate_deg_s
 from rlgcomp.simulation import programme as chamber
+from rlgcomp.simulation import table_programme as table
 from rlgcomp.simulation.programme import Hold, Programme, Ramp
+from rlgcomp.simulation.table_programme import TableProgramme
 
 LONGEST_S: Final = 14.0 * 3600.0
 _MARGIN_K: Final = 2.0
@@ -22,6 +27,7 @@ _GRIDS_K: Final = (1.0, 0.1)  # temperatures are multiples of the first that lea
 _STEPS_IN_RANGE: Final = 20
 _SURE_K: Final = 0.05  # a range that was recorded to within this of a number reaches it
 _SURE: Final = 0.005  # the same of a rate, relative
+_ANOTHER_K: Final = 5.0  # from the usual temperature: less is a room that drifts and a gyro that warms itself
 _SAME_K: Final = 0.5  # thermometers and chambers are no surer of where they are
 
 
@@ -151,3 +157,39 @@ def _within(one: Programme, cold: float, hot: float, rate: float) -> bool:
     temperatures = one.corners[1]
     fastest = max((step.rate_degC_min for step in one.steps if isinstance(step, Ramp)), default=0.0)
     return bool(temperatures.min() >= cold - _MARGIN_K and temperatures.max() <= hot + _MARGIN_K and fastest <= 1.05 * rate)
+
+
+def table_programmes(runs: Sequence[Recording]) -> list[TableProgramme]:
+    """Presets and variants of them that turn no faster than what was recorded, none longer than 14 h; none for a table that stood.
+
+    Rates in equal ratios both ways, sweeps through zero, slow turns, and the same turned with accelerations ten times apart, all
+    at the usual temperature; where others were recorded, rates both ways at the coldest and the hottest of them as well.
+    """
+    fastest = max(float(np.abs(rate_deg_s(run)).max()) for run in runs)
+    if fastest == 0.0:
+        return []
+    fastest = settable(fastest)
+    rates = [settable(rate) for rate in np.geomspace(fastest / 60.0, fastest, 10)]
+    both_ways = ", ".join(f"rate {sign * rate:g} 300" for rate in rates for sign in (1, -1))
+    slow = ", ".join(f"rate {sign * rate:g} 900" for rate in rates[:4] for sign in (1, -1))
+    near_zero = ", ".join(
+        f"sweep {-ends:g} {ends:g} 1200, sweep {ends:g} {-ends:g} 1200"
+        for ends in (settable(part * fastest) for part in (1.0, 0.1, 0.02))
+    )
+    swinging = ", ".join([f"rate {fastest:g} 60, rate {-fastest:g} 60"] * 15)
+    texts = [both_ways, slow, near_zero, swinging, f"acceleration 2, {swinging}", f"acceleration 20, {swinging}"]
+    texts += [f"rest 600, {both_ways}, {near_zero}"]
+    usual, others = _room_temperatures(runs)
+    made = [dataclasses.replace(TableProgramme.parse(text), room_degC=usual) for text in [*texts, *table.PRESETS]]
+    made += [dataclasses.replace(TableProgramme.parse(text), room_degC=room) for room in others for text in (both_ways, texts[-1])]
+    return [one for one in made if one.duration_s <= LONGEST_S and float(np.abs(one.corners[1]).max()) <= 1.05 * fastest]
+
+
+def _room_temperatures(runs: Sequence[Recording]) -> tuple[float | None, list[float]]:
+    """The usual temperature in degC and, well away from it, the coldest and the hottest recorded; None without thermometers."""
+    with_thermometer = [run for run in runs if thermometer_of(run)]
+    if not with_thermometer:
+        return None, []
+    recorded = np.concatenate([run.column(run.temperature_column) for run in with_thermometer])
+    usual, *ends = float(np.median(recorded)), math.ceil(recorded.min() - _SURE_K), math.floor(recorded.max() + _SURE_K)
+    return round(usual, 1), [float(end) for end in ends if abs(end - usual) >= _ANOTHER_K]

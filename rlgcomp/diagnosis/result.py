@@ -117,7 +117,7 @@ class Diagnosis(Record, ShownAsTable):
             "baseline": _plain(self.calibration),
             "baseline_with_findings": _plain(self.recalibration),
             "noise": self.noise.strengths(),
-            "alignment": [one.to_mapping() for one in self.alignment],
+            "alignment": [dataclasses.asdict(one) for one in self.alignment],
             "citations": list(self.citations),
             "provenance": {**self.made, "seed": self.request.seed, "inputs": self._digests()},
         }

@@ -27,7 +27,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import special
 
-from rlgcomp.diagnosis.simulators.between import means_in, values_at
 from rlgcomp.diagnosis.simulators.resampling import (
     DRIFT_SEEN,
     GAP,
@@ -37,8 +36,9 @@ from rlgcomp.diagnosis.simulators.resampling import (
     clear,
     doubts,
     gaps,
-    on_rows,
+    means_in,
     same_axis,
+    values_at,
 )
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.numerics.hysteresis import Play
@@ -86,8 +86,8 @@ _UNTOLD: Final = _Clock(0.0, math.inf, 0.0, math.inf, 1.0, 0.0)
 _UNSETTLED: Final = _Settled(_UNTOLD, np.zeros(0))
 
 
-def align(recording: Recording, simulated: Recording, *, gyro: str | None = None) -> tuple[Array, Alignment]:
-    """The simulation's gyro on the recording's rows, its clock corrected where it differs beyond doubt (p < 0.01).
+def clock_of(recording: Recording, simulated: Recording, *, gyro: str | None = None) -> Alignment:
+    """How the simulation's clock stands, to be taken out where it differs beyond doubt (p < 0.01).
 
     Parameters
     ----------
@@ -96,23 +96,11 @@ def align(recording: Recording, simulated: Recording, *, gyro: str | None = None
     gyro : str, optional
         Gyro column of the recording, where there are several; the simulation has one, or one of the same axis.
 
-    Returns
-    -------
-    rate_deg_h : ndarray, shape (n,)
-        NaN where the simulation has a gap.
-    alignment : Alignment
-
     Raises
     ------
     InputError
-        The simulation does not cover the run, or its gyro cannot be told.
+        Its gyro cannot be told.
     """
-    found = clock_of(recording, simulated, gyro=gyro)
-    return on_rows(recording, simulated, found, gyro=gyro).rate_deg_h, found
-
-
-def clock_of(recording: Recording, simulated: Recording, *, gyro: str | None = None) -> Alignment:
-    """How the simulation's clock stands, to be taken out where it differs beyond doubt; arguments as in :func:`align`."""
     rate = simulated.rate_deg_h(same_axis(recording.gyro_column(gyro), simulated))
     epoch_s = _epoch(recording, simulated)
     column, clock, certain = _clock(recording, simulated, rate, epoch_s, gyro)
