@@ -12,6 +12,7 @@ from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.hashed import Hashed
 from rlgcomp.numerics.combinations import combined
 from rlgcomp.numerics.filters import lag, rate_per_min, read_noise
+from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
 Combination = Literal["column", "difference", "contrast", "between"]
@@ -64,6 +65,15 @@ class Driver(Hashed):
     def values(self, run: Run) -> Array:
         """In units of its range, shape (bins,)."""
         return np.asarray((self.raw(run) - self.centre) / self.half)
+
+    def in_unit(self, values: Array) -> Array:
+        """Values in units of its range, as they are recorded."""
+        return self.centre + self.half * values
+
+    @property
+    def unit(self) -> str:
+        """Of the column; none of a contrast, which is a pure number."""
+        return "" if self.combination == "contrast" else display_unit(self.columns[0])
 
     @property
     def symbol(self) -> str:
@@ -132,6 +142,10 @@ class Path(Hashed):
                 values = lagged(values, run.grid.bin_s, self.time_s)
             run.cache[self] = (values - self.centre) / self.half
         return run.cache[self]
+
+    def in_unit(self, values: Array) -> Array:
+        """Values in units of its range, as the driver is recorded; a rate per minute."""
+        return self.driver.half * (self.centre + self.half * values) + (0.0 if self.memory == "rate" else self.driver.centre)
 
     def bounded(self, run: Run) -> Array:
         """The same, held at a little beyond the range of the training runs."""

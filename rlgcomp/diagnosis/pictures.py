@@ -16,12 +16,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.findings import Cause, Function
+from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.functions import Function, means_over
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import RunScore, Score
 from rlgcomp.diagnosis.text import alternative_rows
-from rlgcomp.diagnosis.turning import TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import is_gyro
@@ -259,27 +259,20 @@ def _data_of(
     fit: Fit, member: int | None, table: Function, concealed: Mechanism | None
 ) -> tuple[Array, Array, Array | None] | None:
     """Window means over what a function is of, less all else fitted, and what was concealed; None where it is of no column."""
-    if member is None or table.kind == "response":
-        return None
-    lead = fit.parts[member][1][0][0]
-    inner: Any = getattr(lead, "basis", lead)
-    if isinstance(lead, TimesRate) or isinstance(inner, TimesRate):
+    if member is None:
         return None
     at, values, truths = [], [], []
     for run in fit.data.runs:
         if table.kind == "loop" and run.name != table.run:
             continue
+        over = means_over(fit, member, table, run)
+        if over is None:
+            return None
+        at.append(over)
         term = run.window_means(fit.term(member, run))
         true = np.full(len(term), np.nan) if concealed is None or not concealed.repeats() else _true_means(concealed, run)
         if table.kind == "loop":
-            at.append(run.window_means(inner.driver.raw(run)))
             term, true = term - term.mean(), true - true.mean()
-        elif table.kind == "time":
-            at.append(run.window_means(run.elapsed_s))
-        else:
-            path = inner.path
-            centre = 0.0 if path.memory == "rate" else path.driver.centre
-            at.append(path.driver.half * (path.centre + path.half * run.window_means(path.values(run))) + centre)
         values.append(fit.residual(run) + term)
         truths.append(true)
     if not at:

@@ -35,6 +35,10 @@ class Lag(Basis):
         late = lagged(values, run.grid.bin_s, self.time_constant_s)
         return (late - values if self.behind else late)[:, None]
 
+    def mixture(self) -> tuple[Array, Array]:
+        """Its time constant and the weight one, as of several lags."""
+        return np.array([self.time_constant_s]), np.ones((1, 1))
+
     def nearby(self, step: float) -> tuple[Self, ...]:
         factors = self.ratio**step, self.ratio**-step
         return tuple(dataclasses.replace(self, time_constant_s=self.time_constant_s * f) for f in factors)
