@@ -10,8 +10,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from rlgcomp.challenge.seal import CHALLENGE, SIMULATOR, Revealed
 from rlgcomp.errors import InputError
@@ -20,7 +18,7 @@ from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 from rlgcomp.recording.formats import read
-from rlgcomp.report.drawing import FIT, INK, STYLE, WIDTH_IN, legend, power, time_axis
+from rlgcomp.report.drawing import FIT, INK, legend, page_figure, power, time_axis
 from rlgcomp.report.messages.wording import cause_words, estimate_text, listing, percent_text
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture
@@ -181,9 +179,8 @@ def _figure(panels: Sequence[Contributions]) -> Picture:
     unit_s, label = time_axis(longest_s)
     largest = max(float(np.abs(line).max()) for one in panels for line in (one.concealed, one.found))
     scale, unit = power(largest, "deg/h")
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.7 + _PANEL_IN * len(panels)), layout="constrained")
-        axes = np.atleast_1d(np.asarray(figure.subplots(len(panels), 1, sharex=True)))
+    with page_figure(0.7 + _PANEL_IN * len(panels), len(panels), 1, sharex=True, squeeze=False) as (figure, grid):
+        axes = grid.ravel()
         for axis, one in zip(axes, panels, strict=True):
             at = (one.time_s - one.time_s[0]) / unit_s
             axis.plot(at, scale * one.found, color=FIT, lw=2.0, label="found")

@@ -88,7 +88,7 @@ def _page(record: Record, truth: Mapping[str, Mechanism] | None, folder: Path | 
         "runs": pictures.before_and_after(record),
     }
     names = tuple(record.catalogue)
-    made = dict(record.made) | {"seed": record.request.seed, "inputs": _inputs(record)}
+    made = record.provenance
     page = render_page(
         "diagnosis.html",
         title=_title(record),
@@ -216,13 +216,9 @@ def _about(record: Record) -> list[tuple[str, str]]:
     rows = [
         ("Simulator", ", ".join(Path(name).name for name in files)),
         ("Output", f"{record.request.channel}, in {record.unit}"),
-        *((label, ", ".join(record.names(runs))) for label, runs in groups),
+        *((label, ", ".join(run.name for run in runs)) for label, runs in groups),
     ]
     return [(label, value) for label, value in rows if value]
-
-
-def _inputs(record: Record) -> dict[str, str]:
-    return {file: digest for files in record.recordings.values() for file, digest in files.items()}
 
 
 def _finding(one: Cause, picture: Picture) -> dict[str, Any]:

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.findings import Cause
@@ -21,7 +20,7 @@ from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.functions import Function, means_over
 from rlgcomp.diagnosis.record import Record
 from rlgcomp.diagnosis.scores import RunScore, Score
-from rlgcomp.diagnosis.text import alternative_rows
+from rlgcomp.diagnosis.text import likely_sets
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import is_gyro
@@ -32,10 +31,10 @@ from rlgcomp.report.drawing import (
     RAW,
     RESIDUAL,
     STYLE,
-    WIDTH_IN,
     column_label,
     column_words,
     legend,
+    page_figure,
     panels,
     plain_powers,
     power,
@@ -63,21 +62,7 @@ _TEXT_IN: Final = 0.16  # height of a line
 def draw(ax: Any, record: Record, run: str | None) -> Any:
     """A run before and after, the function of the largest finding with its band, and the rms of runs, each in a panel.
 
-    Parameters
-    ----------
-    ax : Axes, sequence of Axes, or None
-    record : Record
-    run : str, optional
-        By default the first test run, or else the first training run.
-
-    Returns
-    -------
-    Axes or ndarray of Axes
-
-    Raises
-    ------
-    InputError
-        There is no such run.
+    Parameters, returns and raises as of :meth:`~rlgcomp.diagnosis.result.Diagnosis.plot`.
     """
     runs = _runs(record)
     chosen = next((pair for pair in runs if run in (None, pair[0].name)), None)
@@ -85,20 +70,19 @@ def draw(ax: Any, record: Record, run: str | None) -> Any:
         raise InputError(f"run is {run!r}; the runs are {', '.join(one.name for one, _ in runs)}")
     score = record.test or record.train
     causes = [k for k, one in enumerate(record.members) if one.function is not None]
-    shown = max(causes, key=lambda k: record.members[k].rms) if causes else None
+    shown = max(causes, key=lambda k: record.members[k].rms, default=None)
     heights = [2.4, *([] if shown is None else [2.6]), max(_height_of_scores(score), _LEGEND_IN)]
     axes = panels(ax, heights, sharex=False)
     with rc_context(STYLE):
         draw_run(axes[0], record, *chosen)
-        legend(axes[0])
-        if shown is not None:
-            for axis in axes[1:2]:
-                draw_function(axis, record, shown)
-                legend(axis)
-        for axis in axes[1 if shown is None else 2 :]:
+        below = axes[1:]
+        if below and shown is not None:
+            draw_function(below.pop(0), record, shown)
+        for axis in below:
             draw_scores(axis, score)
-            legend(axis)
             axis.set_title(f"Before and after, {'test' if record.test is not None else 'training'} runs")
+        for axis in axes:
+            legend(axis)
         return returned(axes)
 
 
@@ -115,17 +99,7 @@ def _runs(record: Record) -> list[tuple[Run, str]]:
 
 
 def draw_run(axes: Axes, record: Record, run: Run, role: str, longest_s: float | None = None) -> None:
-    """What is left of a run without and with the findings.
-
-    Parameters
-    ----------
-    axes : Axes
-    record : Record
-    run : Run
-    role : str
-    longest_s : float, optional
-        Length that sets the unit of time; by default the run's.
-    """
+    """What is left of a run without and with the findings; the unit of time is that of the longest run, by default of this one."""
     unit_s, label = time_axis(longest_s or run.bins * run.grid.bin_s)
     scale, unit = power(record.train.baseline_rms, record.unit)
     at = (run.windows + 0.5) * run.grid.window_s / unit_s
@@ -143,16 +117,8 @@ def draw_run(axes: Axes, record: Record, run: Run, role: str, longest_s: float |
 def draw_function(axes: Axes, record: Record, k: int, truth: Truth | None = None) -> None:
     """The k-th finding with a band of two standard deviations, over the data less all else that was fitted.
 
-    A finding without a function of one quantity, as levels are, is drawn over time, in the run in which it is largest.
-
-    Parameters
-    ----------
-    axes : Axes
-    record : Record
-    k : int
-        Among the members of the record.
-    truth : mapping of str to Mechanism, optional
-        Concealed mechanisms, the one of the finding's name is drawn.
+    A finding without a function of one quantity, as levels are, is drawn over time, in the run in which it is largest. What was
+    concealed under its name is drawn as well.
     """
     cause = record.members[k]
     concealed = (truth or {}).get(cause.name)
@@ -275,8 +241,6 @@ def _data_of(
             term, true = term - term.mean(), true - true.mean()
         values.append(fit.residual(run) + term)
         truths.append(true)
-    if not at:
-        return None
     x, y, t = (np.concatenate(parts) for parts in (at, values, truths))
     if table.kind == "static":
         mean = float(np.mean(y))
@@ -292,9 +256,8 @@ def _true_means(concealed: Mechanism, run: Run) -> Array:
 def draw_scores(axes: Axes, score: Score) -> None:
     """Rms before, with the LS-SVM, and after, with the noise, of a group of runs and of each, each below its name."""
     scale, unit = power(score.baseline_rms, score.unit)
-    rows, lines = _score_rows(score), _lines_of(score)
     place = 0.0
-    for k, ((_, one), name) in enumerate(zip(rows, lines, strict=True)):
+    for k, (name, one) in enumerate(_score_rows(score)):
         axes.text(0.0, place, name, transform=axes.get_yaxis_transform(), va="top", fontsize=9.5)
         place += 0.34 * (1 + name.count("\n")) + 0.16
         cells = (
@@ -318,34 +281,26 @@ def draw_scores(axes: Axes, score: Score) -> None:
 
 def _score_rows(score: Score) -> list[tuple[str, Score | RunScore]]:
     each = score.per_run if len(score.per_run) > 1 else ()
-    return [("all runs" if each else score.per_run[0].run, score), *((one.run, one) for one in each)]
-
-
-def _lines_of(score: Score) -> list[str]:
-    return [wrapped(name, _NAME) for name, _ in _score_rows(score)]
+    whole = wrapped("all runs" if each else score.per_run[0].run, _NAME)
+    return [(whole, score), *((wrapped(one.run, _NAME), one) for one in each)]
 
 
 def _height_of_scores(score: Score) -> float:
     """In inches."""
-    names = sum(0.34 * (1 + name.count("\n")) + 0.22 for name in _lines_of(score))
-    bars = sum(0.26 * (2 + (one.compensation_rms is not None)) for _, one in _score_rows(score))
+    rows = _score_rows(score)
+    names = sum(0.34 * (1 + name.count("\n")) + 0.22 for name, _ in rows)
+    bars = sum(0.26 * (2 + (one.compensation_rms is not None)) for _, one in rows)
     return 0.55 + 0.52 * (names + bars)
 
 
 def draw_probabilities(axes: tuple[Axes, Axes], record: Record) -> None:
-    """The probability of each cause, in whatever set, and below it of the likeliest sets.
-
-    Parameters
-    ----------
-    axes : (Axes, Axes)
-    record : Record
-    """
+    """The probability of each cause, in whatever set, and below it of the likeliest sets."""
     causes = [
         *((cause_words(one.name), one.probability) for one in record.members),
         *((cause_words(name), p) for name, p in _rivals(record)),
         ("nothing missing", record.healthy),
     ]
-    sets = [(cause_words(label), p) for (label, _), p in zip(alternative_rows(record), _set_probabilities(record), strict=True)]
+    sets = [(cause_words(label), p) for label, p in likely_sets(record)]
     for axis, rows, named, title in (
         (axes[0], causes, len(record.members), "Each cause, in whatever set"),
         (axes[1], sets, 1, "Sets of causes"),
@@ -371,10 +326,6 @@ def _rivals(record: Record) -> list[tuple[str, float]]:
     return [(name, min(record.posterior.of_region(name), 1.0)) for name in names if name not in named]
 
 
-def _set_probabilities(record: Record) -> list[float]:
-    return [record.probability, *(one.probability for one in record.alternatives)]
-
-
 # --- of a page -----------------------------------------------------------------------------------------------------------------
 
 
@@ -382,21 +333,14 @@ def before_and_after(record: Record) -> Picture:
     """What is left of each run without and with the findings, test runs first."""
     runs = _runs(record)[:_MOST_RUNS]
     longest_s = max(run.bins * run.grid.bin_s for run, _ in runs)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.9 + _HEIGHT_IN * len(runs)), layout="constrained")
-        axes = np.atleast_1d(np.asarray(figure.subplots(len(runs), 1, sharex=True)))
+    with page_figure(0.9 + _HEIGHT_IN * len(runs), len(runs), 1, sharex=True, squeeze=False) as (figure, grid):
+        axes = grid.ravel()
         for axis, (run, role) in zip(axes, runs, strict=True):
             draw_run(axis, record, run, role, longest_s)
             axis.set_xlabel("")
         axes[-1].set_xlabel(time_axis(longest_s)[1])
-        _, labels = axes[0].get_legend_handles_labels()
-        axes[-1].legend(
-            *axes[0].get_legend_handles_labels(),
-            loc="upper left",
-            bbox_to_anchor=(0.0, -0.34),
-            ncols=len(labels),
-            borderaxespad=0.0,
-        )
+        entries = axes[0].get_legend_handles_labels()
+        axes[-1].legend(*entries, loc="upper left", bbox_to_anchor=(0.0, -0.34), ncols=len(entries[1]), borderaxespad=0.0)
         names = ", ".join(run.name for run, _ in runs)
         return picture(
             figure,
@@ -409,9 +353,7 @@ def before_and_after(record: Record) -> Picture:
 def function(record: Record, k: int, truth: Truth | None = None) -> Picture:
     """The k-th finding over the data."""
     cause = record.members[k]
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.9), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.9) as (figure, axes):
         draw_function(axes, record, k, truth)
         legend(axes)
         table = cause.function
@@ -428,9 +370,7 @@ def function(record: Record, k: int, truth: Truth | None = None) -> Picture:
 
 def scores(score: Score) -> Picture:
     """The rms of a group of runs as bars."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.35 + _height_of_scores(score)), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(0.35 + _height_of_scores(score)) as (figure, axes):
         draw_scores(axes, score)
         legend(axes)
         return picture(
@@ -444,17 +384,13 @@ def scores(score: Score) -> Picture:
 
 def probabilities(record: Record) -> Picture | None:
     """Probabilities of causes and sets; None where nothing was found and nothing competes."""
-    rows = alternative_rows(record)
+    rows = likely_sets(record)
     if not record.members and len(rows) < 2:
         return None
     causes = len(record.members) + len(_rivals(record)) + 1
     lines = sum(wrapped(cause_words(label), _CAUSE).count("\n") for label, _ in rows)
     heights = [0.45 + 0.3 * causes, 0.45 + 0.3 * len(rows) + _TEXT_IN * lines]
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.35 + sum(heights)), layout="constrained")
-        axes = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    with page_figure(0.35 + sum(heights), 2, 1, sharex=True, height_ratios=heights) as (figure, axes):
         draw_probabilities((axes[0], axes[1]), record)
-        texts = [
-            f"{cause_words(label)} {probability_text(p)}" for (label, _), p in zip(rows, _set_probabilities(record), strict=True)
-        ]
+        texts = [f"{cause_words(label)} {probability_text(p)}" for label, p in rows]
         return picture(figure, "probabilities", "Probabilities of causes and of sets", f"Sets: {'; '.join(texts)}")

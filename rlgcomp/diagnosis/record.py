@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -223,6 +223,11 @@ class Record:
         latent = self.posterior.effects_of(self.posterior.best)[1] == "wander" and self.verdict != "none"
         return self.after.white * self.after.state.wander if latent or self.decision.wander else 0.0
 
+    @property
+    def slow_error_probability(self) -> float:
+        """Of a slow error of no recorded column, in whatever set."""
+        return min(self.posterior.of_latent("wander"), 1.0)
+
     @functools.cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """The next most probable sets."""
@@ -362,20 +367,13 @@ class Record:
     @property
     def citations(self) -> tuple[str, ...]:
         """Sources of the mechanisms and methods that were used, each once."""
-        named = [self.catalogue[cause.name].reference for cause in self.causes if cause.name in self.catalogue]
-        physics = [mechanism.reference for mechanism in self.augmented.mechanisms]
-        return tuple(
-            dict.fromkeys(
-                [
-                    *named,
-                    *physics,
-                    EVIDENCE,
-                    *([] if self.test is None else [BOOTSTRAP]),
-                    *([] if self.black_box is None else [REFERENCE]),
-                ]
-            )
-        )
+        found = [self.catalogue[cause.name].reference for cause in self.causes if cause.name in self.catalogue]
+        found += [mechanism.reference for mechanism in self.augmented.mechanisms]
+        found += [EVIDENCE, *([] if self.test is None else [BOOTSTRAP]), *([] if self.black_box is None else [REFERENCE])]
+        return tuple(dict.fromkeys(found))
 
-    def names(self, runs: Sequence[Run]) -> list[str]:
-        """Of runs."""
-        return [run.name for run in runs]
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Version, date, command, seed, and the SHA-256 of the files that were read."""
+        inputs = {file: digest for files in self.recordings.values() for file, digest in files.items()}
+        return {**self.made, "seed": self.request.seed, "inputs": inputs}

@@ -82,7 +82,7 @@ def _slow_error(record: Record) -> dict[str, Any] | None:
     if not record.slow_error_rms:
         return None
     return {
-        "probability": min(record.posterior.of_latent("wander"), 1.0),
+        "probability": record.slow_error_probability,
         "rms": record.slow_error_rms,
         "unit": record.unit,
         "missing": record.decision.wander,
@@ -96,21 +96,19 @@ def gain(record: Record) -> Message | None:
     if record.test is None:
         return message("diagnosis.no_test_runs")
     low, high = record.test.improvement_ci95
-    data = _gained(record.test)
+    data = {**_errors(record.test), "improvement": record.test.improvement, "interval": (low, high)}
+    data["averaging_s"] = record.test.averaging_s
     if low > 0.0:
         return message("diagnosis.gain", **data)
     return message("diagnosis.loss", **data) if high < 0.0 else message("diagnosis.no_gain", **data)
 
 
-def _gained(score: Score) -> dict[str, Any]:
+def _errors(score: Score) -> dict[str, Any]:
     return {
         "before": score.baseline_rms,
         "after": score.augmented_rms,
         "floor": score.noise_floor_rms,
         "unit": score.unit,
-        "improvement": score.improvement,
-        "interval": score.improvement_ci95,
-        "averaging_s": score.averaging_s,
     }
 
 
@@ -140,13 +138,9 @@ def _doubts(record: Record) -> Iterator[Message]:
     if record.healthy > _POSSIBLE:
         yield message("diagnosis.null_possible", probability=record.healthy)
     for cause in record.members:
-        if cause.indistinguishable_from:
-            yield message(
-                "diagnosis.indistinguishable",
-                mechanism=cause.name,
-                others=cause.indistinguishable_from,
-                probabilities=cause.rival_probabilities,
-            )
+        if others := cause.indistinguishable_from:
+            probabilities = cause.rival_probabilities
+            yield message("diagnosis.indistinguishable", mechanism=cause.name, others=others, probabilities=probabilities)
         if cause.perhaps_nothing:
             yield message(
                 "diagnosis.perhaps_nothing",
@@ -208,42 +202,30 @@ def _baseline(record: Record) -> Iterator[Message]:
             unit=size["unit"],
         )
     found = record.recalibration
-    biases = found.get(RUN_BIAS, {})
-    if biases:
-        values = {run: one.value for run, one in biases.items()}
-        yield message("diagnosis.run_biases", biases=values, sds={run: one.sd for run, one in biases.items()}, unit=record.unit)
+    if RUN_BIAS in found:
+        biases, sds = _by_run(found[RUN_BIAS])
+        yield message("diagnosis.run_biases", biases=biases, sds=sds, unit=record.unit)
     if CLOCK in found:
-        offsets = found[CLOCK]
-        yield message(
-            "diagnosis.clock_of_all_runs",
-            offsets_s={run: one.value for run, one in offsets.items()},
-            sds_s={run: one.sd for run, one in offsets.items()},
-        )
+        offsets_s, sds_s = _by_run(found[CLOCK])
+        yield message("diagnosis.clock_of_all_runs", offsets_s=offsets_s, sds_s=sds_s)
     for key, of_runs in found.items():
         if key.endswith(BY_RUN):
-            yield message(
-                "diagnosis.amplitude_by_run",
-                parameter=key.removesuffix(BY_RUN),
-                differences={run: one.value for run, one in of_runs.items()},
-                sds={run: one.sd for run, one in of_runs.items()},
-                unit=next(iter(of_runs.values())).unit,
-            )
+            (differences, sds), unit = _by_run(of_runs), next(iter(of_runs.values())).unit
+            parameter = key.removesuffix(BY_RUN)
+            yield message("diagnosis.amplitude_by_run", parameter=parameter, differences=differences, sds=sds, unit=unit)
     yield from _lateness(record)
     simulator = record.after.baseline.simulator
     for mechanism in simulator.mechanisms:
         stated_names = {p.name for p in mechanism.parameters()} - simulator.free.get(mechanism.name, frozenset())
         for name, one in found.get(mechanism.name, {}).items():
             if name in stated_names:
-                stated = getattr(mechanism, name)
-                yield message(
-                    "diagnosis.wrong_number",
-                    mechanism=mechanism.name,
-                    parameter=name,
-                    stated=stated,
-                    found=one.value,
-                    sd=one.sd,
-                    unit=one.unit,
-                )
+                numbers = {"stated": getattr(mechanism, name), "found": one.value, "sd": one.sd, "unit": one.unit}
+                yield message("diagnosis.wrong_number", mechanism=mechanism.name, parameter=name, **numbers)
+
+
+def _by_run(estimates: Mapping[str, Estimate]) -> tuple[dict[str, float], dict[str, float]]:
+    """Values and standard deviations by run."""
+    return {run: one.value for run, one in estimates.items()}, {run: one.sd for run, one in estimates.items()}
 
 
 def _lateness(record: Record) -> Iterator[Message]:
@@ -267,14 +249,8 @@ def _gain_of_numbers(record: Record) -> Iterator[Message]:
     fit, named = record.after, {one.region for one in record.decision.named}
     acting = [k for k, member in enumerate(fit.state.members) if member.form.region in named]
     if not any(np.any(fit.term(k, run)) for k, run in itertools.product(acting, record.test_runs)):
-        yield message(
-            "diagnosis.gain_of_numbers",
-            mechanisms=[one.name for one in record.members],
-            before=record.test.baseline_rms,
-            after=record.test.augmented_rms,
-            floor=record.test.noise_floor_rms,
-            unit=record.test.unit,
-        )
+        names = [one.name for one in record.members]
+        yield message("diagnosis.gain_of_numbers", mechanisms=names, **_errors(record.test))
 
 
 def _selections(record: Record) -> Iterator[Message]:
@@ -294,10 +270,8 @@ def _rests(record: Record) -> Iterator[Message]:
         for basis in within(member.form.lead):
             rest = rest_of(basis) if member.form.region in names and isinstance(basis, Plays | Preisach) else None
             if rest is not None:
-                (column,) = basis.driver.columns
-                yield message(
-                    "diagnosis.rested", mechanism=member.form.region, column=column, value=rest, unit=display_unit(column)
-                )
+                (column,), region = basis.driver.columns, member.form.region
+                yield message("diagnosis.rested", mechanism=region, column=column, value=rest, unit=display_unit(column))
 
 
 def _forms(record: Record) -> Iterator[Message]:
@@ -367,8 +341,7 @@ def _followed(record: Record) -> dict[str, tuple[str, Callable[[Run], Any]]]:
     found: dict[str, tuple[str, Callable[[Run], Any]]] = {}
     for one in within(leading):
         if isinstance(one, Driver):
-            unit = "" if one.combination == "contrast" else display_unit(one.columns[0])
-            found[one.symbol] = unit, one.raw
+            found[one.symbol] = one.unit, one.raw
         elif isinstance(one, Path) and one.memory == "rate":
             unit = f"{display_unit(one.driver.columns[0]) or '1'}/min"
             found[f"the rate of {one.driver.symbol}"] = unit, functools.partial(_raw_rate, one)
@@ -408,17 +381,12 @@ def _file(record: Record) -> Iterator[Message]:
 
 def _choices(record: Record) -> Iterator[Message]:
     """Which runs and candidates took part, and whether the noise is the stated one."""
-    stated = record.after.data.noise or record.after.baseline.simulator.noise
-    if stated is not None and stated.angle_random_walk_deg_sqrt_h > 0.0:
-        ratio = record.noise.angle_random_walk_deg_sqrt_h / stated.angle_random_walk_deg_sqrt_h
-        if not 1.0 / _OTHER_NOISE < ratio < _OTHER_NOISE:
-            yield message(
-                "diagnosis.noise_not_as_stated",
-                stated=stated.angle_random_walk_deg_sqrt_h,
-                found=record.noise.angle_random_walk_deg_sqrt_h,
-            )
+    noise = record.after.data.noise or record.after.baseline.simulator.noise
+    stated, found = 0.0 if noise is None else noise.angle_random_walk_deg_sqrt_h, record.noise.angle_random_walk_deg_sqrt_h
+    if stated > 0.0 and not 1.0 / _OTHER_NOISE < found / stated < _OTHER_NOISE:
+        yield message("diagnosis.noise_not_as_stated", stated=stated, found=found)
     if record.confirm_runs:
-        yield message("diagnosis.confirmed", runs=record.names(record.confirm_runs))
+        yield message("diagnosis.confirmed", runs=[run.name for run in record.confirm_runs])
     request = record.request
     if request.only:
         yield message("diagnosis.only", mechanisms=request.only)

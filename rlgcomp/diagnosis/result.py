@@ -15,6 +15,7 @@ from typing import Any, Final, Self
 
 import pandas as pd
 
+from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.fit import Estimate
 from rlgcomp.diagnosis.page import write_page
 from rlgcomp.diagnosis.record import Record
@@ -79,6 +80,7 @@ class Diagnosis(Record, ShownAsTable):
     def _content(self) -> dict[str, Any]:
         laws = self.laws
         next_up = self.next_experiment
+        slow = self.slow_error_probability if self.decision.wander else None
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
@@ -92,7 +94,7 @@ class Diagnosis(Record, ShownAsTable):
                 "drivers": list(self.decision.drivers),
                 "memory": self.decision.memory,
                 "equation": "; ".join(one.equation for one in laws) or None,
-                "probability": max((one.probability for one in laws), default=self._of_wander()),
+                "probability": max((one.probability for one in laws), default=slow),
                 "laws": [one.to_mapping() for one in laws],
             },
             "steps": self.steps,
@@ -109,9 +111,9 @@ class Diagnosis(Record, ShownAsTable):
             "simulator": self.request.simulator,
             "output": {"column": self.request.channel, "unit": self.unit},
             "runs": {
-                "train": self._runs("train", self.names(self.after.data.runs)),
-                "confirm": self._runs("confirm", self.names(self.confirm_runs)),
-                "test": self._runs("test", self.names(self.test_runs)),
+                "train": self._runs("train", self.after.data.runs),
+                "confirm": self._runs("confirm", self.confirm_runs),
+                "test": self._runs("test", self.test_runs),
             },
             "recordings": {part: dict(files) for part, files in self.recordings.items()},
             "baseline": _plain(self.calibration),
@@ -119,20 +121,14 @@ class Diagnosis(Record, ShownAsTable):
             "noise": self.noise.strengths(),
             "alignment": [dataclasses.asdict(one) for one in self.alignment],
             "citations": list(self.citations),
-            "provenance": {**self.made, "seed": self.request.seed, "inputs": self._digests()},
+            "provenance": self.provenance,
         }
 
-    def _digests(self) -> dict[str, str]:
-        return {file: digest for files in self.recordings.values() for file, digest in files.items()}
-
-    def _of_wander(self) -> float | None:
-        return min(self.posterior.of_latent("wander"), 1.0) if self.decision.wander else None
-
-    def _runs(self, part: str, names: Sequence[str]) -> list[dict[str, str | None]]:
+    def _runs(self, part: str, runs: Sequence[Run]) -> list[dict[str, str | None]]:
         """Runs with their files and the SHA-256 of these, where they were read from files."""
         files = list(self.recordings.get(part, {}).items())
-        known = files if len(files) == len(names) else [(None, None)] * len(names)
-        return [{"run": name, "file": file, "sha256": digest} for name, (file, digest) in zip(names, known, strict=True)]
+        known = files if len(files) == len(runs) else [(None, None)] * len(runs)
+        return [{"run": run.name, "file": file, "sha256": digest} for run, (file, digest) in zip(runs, known, strict=True)]
 
     def to_frame(self) -> pd.DataFrame:
         """One row a fitted parameter of each finding."""

@@ -42,13 +42,8 @@ def as_text(record: Record) -> str:
     if rows := member_rows(record):
         parts.append(_table("What is missing", MEMBER_COLUMNS, rows))
     if record.alternatives:
-        parts.append(
-            _table(
-                "Sets of causes, the named one first",
-                ("set", "probability"),
-                [[region_words(label), p] for label, p in alternative_rows(record)],
-            )
-        )
+        sets = [[region_words(label), probability_text(p)] for label, p in likely_sets(record)]
+        parts.append(_table("Sets of causes, the named one first", ("set", "probability"), sets))
     if record.where:
         title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"
         by_run, by_regime = place_rows(record)
@@ -123,7 +118,7 @@ def slow_error_rows(record: Record) -> list[list[str]]:
     """The slow error of no recorded column, where it is missing: probability, size, what it follows."""
     if not record.decision.wander:
         return []
-    probability = probability_text(min(record.posterior.of_latent("wander"), 1.0))
+    probability = probability_text(record.slow_error_probability)
     return [["a slow error of no recorded column", probability, f"{record.slow_error_rms:.3g} {record.unit}", "no column"]]
 
 
@@ -137,12 +132,12 @@ def instead(one: Cause) -> list[str]:
     return [*one.indistinguishable_from, *(["nothing"] if one.perhaps_nothing else [])]
 
 
-def alternative_rows(record: Record) -> list[list[str]]:
+def likely_sets(record: Record) -> list[tuple[str, float]]:
     """Sets with their probabilities, the named one first."""
     effects, latent = record.posterior.effects_of(record.posterior.best)
     named = [*sorted(effects), *LATENT.get(latent, [])]
-    others = [[" + ".join(one.mechanisms) or "nothing missing", probability_text(one.probability)] for one in record.alternatives]
-    return [[" + ".join(named) or "nothing missing", probability_text(record.probability)], *others]
+    sets = [(named, record.probability), *((one.mechanisms, one.probability) for one in record.alternatives)]
+    return [(" + ".join(names) or "nothing missing", probability) for names, probability in sets]
 
 
 def place_text(place: Place, began_s: float = 0.0) -> str:

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rlgcomp.evaluation.record import EvaluationRecord, Trace
 from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording
 from rlgcomp.report.drawing import (
+    FAINT,
     FIT,
     FLOOR,
     INK,
@@ -23,11 +23,9 @@ from rlgcomp.report.drawing import (
     RESIDUAL,
     STYLE,
     WARM,
-    WIDTH_IN,
-    draw_compensation,
-    draw_temperature,
     legend,
     logarithmic,
+    page_figure,
     panels,
     plain_powers,
     power,
@@ -65,10 +63,8 @@ def draw_over_time(ax: Any, trace: Trace, floor_deg_h: float) -> Any:
 
 def over_time(trace: Trace, floor_deg_h: float) -> Picture:
     """The same as a picture of a page."""
-    with rc_context(STYLE):
-        heights = _heights(trace)
-        figure = Figure(figsize=(WIDTH_IN, 2.0 + 1.55 * len(heights)), layout="constrained")
-        axes = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    heights = _heights(trace)
+    with page_figure(2.0 + 1.55 * len(heights), len(heights), sharex=True, height_ratios=heights) as (figure, axes):
         _over_time(list(axes), trace, floor_deg_h)
         return picture(
             figure,
@@ -85,12 +81,28 @@ def _heights(trace: Trace) -> tuple[float, ...]:
 
 
 def _over_time(axes: list[Axes], trace: Trace, floor_deg_h: float) -> None:
-    draw_compensation(axes, trace.time_s, trace.raw_deg_h, trace.bias_deg_h, floor_deg_h)
+    """Onto one to three axes: gyro and estimated bias, their difference with twice the noise floor, temperature."""
+    unit_s, label = time_axis(float(np.ptp(trace.time_s)))
+    at, level = trace.time_s / unit_s, trace.raw_deg_h.mean()
+    factor, unit = power(float(np.ptp(trace.raw_deg_h)), "deg/h")
+    top = axes[0]
+    top.plot(at, factor * (trace.raw_deg_h - level), ".", color=RAW, ms=4, label="gyro")
+    top.plot(at, factor * (trace.bias_deg_h - level), color=FIT, lw=1.8, label="estimated bias")
+    top.set_ylabel(unit)
+    top.set_title(wrapped(f"Gyro and estimated bias, {trace.run}", _TITLE))
+    for below in axes[1:2]:
+        band = 2.0 * factor * floor_deg_h
+        below.axhspan(-band, band, color=FLOOR, alpha=0.13, lw=0, label="± 2 noise floors")
+        below.plot(at, factor * (trace.raw_deg_h - trace.bias_deg_h), ".", color=RESIDUAL, ms=4, label="residual")
+        below.axhline(0.0, color=FAINT, lw=0.8)
+        below.set_ylabel(unit)
     if trace.temperature_degC is not None:
         for below in axes[2:]:
-            draw_temperature(below, trace.time_s, trace.temperature_degC)
-    axes[0].set_title(wrapped(f"Gyro and estimated bias, {trace.run}", _TITLE))
-    axes[-1].set_xlabel(time_axis(float(np.ptp(trace.time_s)))[1])
+            below.plot(at, trace.temperature_degC, color=WARM, lw=1.4, label="temperature")
+            below.set_ylabel("°C")
+    for axis in axes:
+        legend(axis)
+    axes[-1].set_xlabel(label)
 
 
 def draw_loop(axes: Axes, trace: Trace) -> None:
@@ -111,9 +123,7 @@ def loop(trace: Trace) -> Picture | None:
     """Bias against temperature; None without a thermometer."""
     if trace.temperature_degC is None:
         return None
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.6), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.6) as (figure, axes):
         draw_loop(axes, trace)
         legend(axes)
         low, high = trace.temperature_degC.min(), trace.temperature_degC.max()
@@ -135,9 +145,7 @@ def allan(traces: Sequence[Trace], floor_deg_h: float, averaging_s: float) -> Pi
         Noise floor of means over `averaging_s`.
     averaging_s : float
     """
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.7), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.7) as (figure, axes):
         for k, trace in enumerate(traces):
             for curve, colour, label in ((trace.allan_raw, RAW, "gyro"), (trace.allan_residual, RESIDUAL, "compensated")):
                 axes.loglog(curve.tau_s, curve.deviation_deg_h, "-o", color=colour, ms=3, lw=1.3, label=label if k == 0 else None)
@@ -187,10 +195,7 @@ def comparison(table: pd.DataFrame, evaluation: EvaluationRecord) -> Picture | N
     """The comparison of feature groups and models; None where none was made."""
     if table.empty:
         return None
-    with rc_context(STYLE):
-        groups = table["features"].nunique()
-        figure = Figure(figsize=(WIDTH_IN, 1.1 + 0.42 * groups), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(1.1 + 0.42 * table["features"].nunique()) as (figure, axes):
         draw_comparison(axes, table, evaluation)
         legend(axes)
         best = table.sort_values("residual_std_deg_h").iloc[0]
@@ -207,12 +212,10 @@ def search(table: pd.DataFrame) -> Picture | None:
     """Error with runs left out over the grid of c, a line each sigma; None of another search."""
     if not {"c", "sigma", "rmse", "chosen"} <= set(table.columns) or "method" in table.columns:
         return None
-    with rc_context(STYLE):
-        grid = table.pivot_table(index="c", columns="sigma", values="rmse").sort_index()
-        chosen = table[table["chosen"]].iloc[0]
-        nearest = np.argsort(np.abs(np.log(grid.columns.to_numpy() / chosen["sigma"])), kind="stable")[:_MOST_WIDTHS]
-        figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
-        axes = figure.subplots()
+    grid = table.pivot_table(index="c", columns="sigma", values="rmse").sort_index()
+    chosen = table[table["chosen"]].iloc[0]
+    nearest = np.argsort(np.abs(np.log(grid.columns.to_numpy() / chosen["sigma"])), kind="stable")[:_MOST_WIDTHS]
+    with page_figure(3.4) as (figure, axes):
         colours = mpl.colormaps["viridis"](np.linspace(0.1, 0.85, len(nearest)))
         for colour, place in zip(colours, sorted(nearest), strict=True):
             sigma = grid.columns[place]
@@ -243,9 +246,7 @@ def contributions(recording: Recording) -> Picture | None:
     truth = averaged.truth
     if truth is None:
         return None
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.4) as (figure, axes):
         unit_s, label = time_axis(averaged.duration_s)
         at = averaged.time_s / unit_s
         noises = [name for name in truth.columns if name in NOISES]

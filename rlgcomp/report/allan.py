@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from rlgcomp.noise.analysis import NoiseAnalysis
 from rlgcomp.noise.processes import coefficient_text
-from rlgcomp.report.drawing import STYLE, WIDTH_IN
+from rlgcomp.report.drawing import STYLE, WIDTH_IN, page_figure
 from rlgcomp.report.messages.wording import time_text
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture, png
@@ -81,9 +81,8 @@ def _section(one: NoiseAnalysis) -> Section:
 
 
 def _picture(one: NoiseAnalysis) -> Picture:
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 4.6), layout="constrained")
-        one.plot(figure.subplots())
+    with page_figure(4.6) as (figure, axes):
+        one.plot(axes)
         return picture(
             figure,
             f"allan-{one.gyro}",

@@ -7,13 +7,11 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from rlgcomp.noise.angle_harmonics import FALSE_ALARM
 from rlgcomp.noise.angle_random_walk import DISAGREES_P, RotationNoise
 from rlgcomp.noise.constant_rate_segment import AngleRandomWalk
-from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, legend, plain_powers, time_axis
+from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, WARM, legend, page_figure, plain_powers, time_axis
 from rlgcomp.report.messages.wording import estimate_text, p_text
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture
@@ -23,9 +21,7 @@ SHOWN_MEANS_S: Final = 60
 
 def orders(one: AngleRandomWalk) -> Picture:
     """Amplitude of every order of the rotation, the detected ones in colour, with the threshold."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.4) as (figure, axes):
         spectrum = one.spectrum
         amplitude = np.abs(spectrum.coefficient_deg_h)
         detected = spectrum.p_value < FALSE_ALARM
@@ -57,9 +53,8 @@ def orders(one: AngleRandomWalk) -> Picture:
 
 def output(one: AngleRandomWalk) -> Picture:
     """1 s means over the run, mean removed, before and after; the trend; and one minute of both."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
-        (top, minute_before), (bottom, minute_after) = figure.subplots(2, 2, sharey="row", gridspec_kw={"width_ratios": [2.6, 1.0]})
+    with page_figure(5.2, 2, 2, sharey="row", width_ratios=[2.6, 1.0]) as (figure, grid):
+        (top, minute_before), (bottom, minute_after) = grid
         table = one.means
         since = table["time_s"] - table["time_s"].iloc[0]
         unit_s, label = time_axis(float(since.iloc[-1]))
@@ -91,9 +86,7 @@ def output(one: AngleRandomWalk) -> Picture:
 
 def allan(one: AngleRandomWalk) -> Picture:
     """Allan deviation of 1 s means before and after, the five-term fit, and the result with its error."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 4.0), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(4.0) as (figure, axes):
         before, after = one.before, one.after
         axes.loglog(before.tau_s, before.deviation_deg_h, "-o", color=RAW, ms=3, lw=1.2, label="before")
         errors = [after.deviation_deg_h - after.lower_deg_h, after.upper_deg_h - after.deviation_deg_h]
@@ -119,9 +112,7 @@ def allan(one: AngleRandomWalk) -> Picture:
 
 def spectrum(one: AngleRandomWalk) -> Picture:
     """Spectrum after harmonics and trend, the four noises fitted to it, and the band of the fit."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.8), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.8) as (figure, axes):
         frequency, density = one.density.bands()
         axes.loglog(frequency, density, "o", color=RESIDUAL, ms=3, label="means over bands")
         f = np.geomspace(one.density.frequency_hz[0], one.density.frequency_hz[-1], 300)

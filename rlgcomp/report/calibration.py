@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rlgcomp.calibration.triad.calibrate import TableCalibration
 from rlgcomp.calibration.triad.estimate import SEEN, RunResult
 from rlgcomp.calibration.triad.joint import PRIOR_SD
 from rlgcomp.files import write_text
 from rlgcomp.recording.provenance import provenance
-from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, STYLE, WARM, WIDTH_IN, time_axis
+from rlgcomp.report.drawing import FIT, FLOOR, RAW, RESIDUAL, WARM, page_figure, time_axis
 from rlgcomp.report.page import Described, Picture, digests, save_pictures
 from rlgcomp.report.page import render as render_page
 from rlgcomp.report.svg import picture
@@ -90,9 +88,7 @@ def _page(
 def velocity(run: RunResult) -> Picture:
     """East and north velocity error over time, before and after."""
     unit_s, label = time_axis(float(run.time_s[-1] - run.time_s[0]))
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.9), layout="constrained")
-        axes = figure.subplots(2, 2, sharex=True)
+    with page_figure(3.9, 2, 2, sharex=True) as (figure, axes):
         for row, (values, color, when) in enumerate(((run.before_m_s, RAW, "before"), (run.after_m_s, RESIDUAL, "calibrated"))):
             for column, direction in enumerate(("east", "north")):
                 axis = axes[row, column]
@@ -122,9 +118,8 @@ def convergence(curves: pd.DataFrame) -> Picture | None:
         return None
     columns = min(3, len(determined))
     rows = -(-len(determined) // columns)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.6 + 1.9 * rows), layout="constrained")
-        panels = np.atleast_1d(figure.subplots(rows, columns, sharex=True)).ravel()
+    with page_figure(0.6 + 1.9 * rows, rows, columns, sharex=True, squeeze=False) as (figure, grid):
+        panels = grid.ravel()
         colors = {"ppm": FIT, "deg/h": RESIDUAL, "arcsec": FLOOR}
         for panel, parameter in zip(panels, determined, strict=False):
             value, sd = curves[parameter.name].to_numpy(), curves[f"{parameter.name}_sd"].to_numpy()

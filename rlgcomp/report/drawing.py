@@ -6,9 +6,10 @@ notebook shows. They compute no result. Matplotlib is imported with this module,
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -62,7 +63,6 @@ STYLE: Final[Any] = {
     "svg.hashsalt": "rlgcomp",
     "figure.dpi": 100,
 }
-_BESIDE: Final[Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
 _BESIDE_LETTERS: Final = 24  # of the longest line of a legend that stands beside its axes; a wider one stands below
 _BELOW_IN: Final = 0.56
 _MOST_DOTS: Final = 4000  # more samples are drawn as the band from least to greatest, with the mean
@@ -79,7 +79,15 @@ NOISES: Final = (
 )
 
 
-def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sharex: bool = True) -> list[Axes]:
+@contextlib.contextmanager
+def page_figure(height_in: float, rows: int = 1, columns: int = 1, **options: Any) -> Iterator[tuple[Figure, Any]]:
+    """A figure of a page with its axes, in the style of all pictures; options of Matplotlib's `subplots`."""
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        yield figure, figure.subplots(rows, columns, **options)
+
+
+def panels(ax: Any, heights: Sequence[float], *, sharex: bool = True) -> list[Axes]:
     """Axes to draw on.
 
     To be called outside of a context of style, since a notebook's back end sets options of its own with the first figure.
@@ -90,7 +98,6 @@ def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sha
         The caller's own: one for the first panel alone, or one for each panel. None makes a figure.
     heights : sequence of float
         Of each panel in inches.
-    width_in : float
     sharex : bool
 
     Raises
@@ -101,7 +108,7 @@ def panels(ax: Any, heights: Sequence[float], *, width_in: float = WIDTH_IN, sha
     if ax is None:
         from matplotlib import pyplot
 
-        figure = pyplot.figure(figsize=(width_in, 0.45 + sum(heights)), layout="constrained")
+        figure = pyplot.figure(figsize=(WIDTH_IN, 0.45 + sum(heights)), layout="constrained")
         options: Any = {"squeeze": False, "sharex": sharex, "gridspec_kw": {"height_ratios": heights}}
         with rc_context(STYLE):
             return list(figure.subplots(len(heights), 1, **options)[:, 0])
@@ -130,15 +137,8 @@ def _figure(axes: Axes) -> Figure | None:
     return None if parent is None else parent.figure  # a part of a figure names the whole one, which names itself
 
 
-def legend(axes: Axes, **options: Any) -> None:
-    """A legend outside of the axes where the figure's layout makes room for it, within them elsewhere.
-
-    Parameters
-    ----------
-    axes : Axes
-    **options
-        For Matplotlib's `legend`.
-    """
+def legend(axes: Axes) -> None:
+    """A legend outside of the axes where the figure's layout makes room for it, within them elsewhere."""
     figure = _figure(axes)
     roomy = figure is not None and isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
     labels = axes.get_legend_handles_labels()[1]
@@ -146,15 +146,16 @@ def legend(axes: Axes, **options: Any) -> None:
         return
     longest = max(len(line) for label in labels for line in label.split("\n"))
     if figure is None or not roomy:
-        axes.legend(**{"loc": "best"} | options)
+        axes.legend(loc="best")
     elif longest <= _BESIDE_LETTERS:
-        axes.legend(**_BESIDE | options)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     else:
         columns = 2 if longest <= 2 * _BESIDE_LETTERS else 1
         under = _BELOW_IN if axes.get_xlabel() else 0.5 * _BELOW_IN
         below = axes.transAxes + ScaledTranslation(0.0, -under, figure.dpi_scale_trans)
-        place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, 0.0), "bbox_transform": below, "borderaxespad": 0.0}
-        axes.legend(**place | {"ncols": min(columns, len(labels))} | options)
+        axes.legend(
+            loc="upper left", bbox_to_anchor=(0.0, 0.0), bbox_transform=below, borderaxespad=0.0, ncols=min(columns, len(labels))
+        )
 
 
 def time_axis(duration_s: float) -> tuple[float, str]:
@@ -352,40 +353,6 @@ def plain_powers(*logarithmic_axes: Axis) -> None:
     for axis in logarithmic_axes:
         axis.set_major_formatter(Powers())
         axis.set_minor_formatter(Powers())
-
-
-def draw_compensation(axes: Sequence[Axes], time_s: Array, raw_deg_h: Array, bias_deg_h: Array, floor_deg_h: float) -> None:
-    """Gyro and estimated bias, and in a second panel their difference with twice the noise floor.
-
-    Parameters
-    ----------
-    axes : sequence of Axes
-        One or two.
-    time_s, raw_deg_h, bias_deg_h : ndarray, shape (n,)
-    floor_deg_h : float
-    """
-    at = time_s / time_axis(float(np.ptp(time_s)))[0]
-    level = raw_deg_h.mean()
-    factor, unit = power(float(np.ptp(raw_deg_h)), "deg/h")
-    top = axes[0]
-    top.plot(at, factor * (raw_deg_h - level), ".", color=RAW, ms=4, label="gyro")
-    top.plot(at, factor * (bias_deg_h - level), color=FIT, lw=1.8, label="estimated bias")
-    top.set_ylabel(unit)
-    legend(top)
-    for below in axes[1:2]:
-        band = 2.0 * factor * floor_deg_h
-        below.axhspan(-band, band, color=FLOOR, alpha=0.13, lw=0, label="± 2 noise floors")
-        below.plot(at, factor * (raw_deg_h - bias_deg_h), ".", color=RESIDUAL, ms=4, label="residual")
-        below.axhline(0.0, color=FAINT, lw=0.8)
-        below.set_ylabel(unit)
-        legend(below)
-
-
-def draw_temperature(axes: Axes, time_s: Array, temperature_degC: Array) -> None:
-    """Temperature against time, in the unit of :func:`time_axis`."""
-    axes.plot(time_s / time_axis(float(np.ptp(time_s)))[0], temperature_degC, color=WARM, lw=1.4, label="temperature")
-    axes.set_ylabel("°C")
-    legend(axes)
 
 
 def draw_bars(ax: Any, names: Sequence[str], values: Array, *, label: str, unit: str, title: str) -> Axes:

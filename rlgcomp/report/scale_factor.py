@@ -7,14 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from rlgcomp.calibration.mounting import MountingAngle
 from rlgcomp.calibration.rate_dependence import LockInFit, RateTable
 from rlgcomp.calibration.scale_factor_calibration import ScaleFactorCalibration
-from rlgcomp.report.drawing import FIT, INK, RAW, RESIDUAL, STYLE, WIDTH_IN, legend, plain_powers
+from rlgcomp.report.drawing import FIT, INK, RAW, RESIDUAL, legend, page_figure, plain_powers
 from rlgcomp.report.messages import Message
 from rlgcomp.report.messages.wording import estimate_text, two_digits
 from rlgcomp.report.page import Picture, Results, Section
@@ -118,9 +116,7 @@ def _mounting(mounting: MountingAngle | None) -> list[tuple[str, str]]:
 def _rates(calibration: ScaleFactorCalibration) -> list[Picture]:
     if calibration.rates is None or len(calibration.rates.rate_deg_s) < 2:
         return []
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.6), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.6) as (figure, axes):
         draw_rates(axes, calibration.rates, calibration.lock_in)
         legend(axes)
         means = calibration.rates.mean_ppm
@@ -133,9 +129,7 @@ def _rates(calibration: ScaleFactorCalibration) -> list[Picture]:
 def _positions(calibration: ScaleFactorCalibration) -> list[Picture]:
     if calibration.mounting is None:
         return []
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.2), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(3.2) as (figure, axes):
         draw_positions(axes, calibration.mounting)
         legend(axes)
         described = (

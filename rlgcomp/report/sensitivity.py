@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN
+from rlgcomp.report.drawing import FIT, RAW, RESIDUAL, STYLE, WIDTH_IN, page_figure
 from rlgcomp.report.messages import Message
 from rlgcomp.report.page import Picture, Results, Section
 from rlgcomp.report.svg import picture, png
@@ -93,9 +93,7 @@ def curves_picture(title: str, white_deg_h: float, detected: FoundCurve, named: 
 
 def curves(white_deg_h: float, detected: FoundCurve, named: FoundCurve) -> Picture:
     """Both curves as a picture of a page; parameters as of :func:`draw_curves`."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 5.0), layout="constrained")
-        axes = figure.subplots()
+    with page_figure(5.0) as (figure, axes):
         draw_curves(axes, white_deg_h, detected, named)
         figure.legend(loc="outside lower left")
         return picture(
