@@ -117,7 +117,7 @@ def demo(
 
 def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
     """One row a parameter of each finding; its equation where it has none."""
-    from rlgcomp.report.messages.wording import estimate_text, probability_text
+    from rlgcomp.report.messages.wording import probability_text
 
     return [
         {
@@ -128,7 +128,5 @@ def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
             "value": value,
         }
         for cause in diagnosis.causes
-        for name, value in (
-            {name: estimate_text(one.value, one.sd, one.unit) for name, one in cause.parameters.items()} or {"": cause.equation}
-        ).items()
+        for name, value in ({name: one.text for name, one in cause.parameters.items()} or {"": cause.equation}).items()
     ]

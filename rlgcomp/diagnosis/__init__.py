@@ -44,12 +44,12 @@ Rooms, each importing only from those before it:
     time_laws   parameters of a law of time in its own equation
     mismatch    whether anything is missing, and where
     decide      what is stated: every threshold
+    parameters  of an equation, and whether it describes a term
     tabulated_laws  bases with their weights as tables of a simulator file
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term
     functions   members as tables over a driver, over time, as responses, as loops
     switches    where a sum of a few relays switches, and its steps
     equations   as LaTeX and expressions, and what their symbols mean
-    parameters  of an equation, and whether it describes a term
     findings    members with their parameters, their functions and their rivals
     scores      runs before and after
     record      the data of a diagnosis; remarks, text, pictures and page read it

@@ -178,18 +178,7 @@ class Cause:
 
 
 def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str, type[Mechanism]], unit: str) -> Cause:
-    """What is stated of a named region.
-
-    Parameters
-    ----------
-    one : Named
-    fit : Fit
-        Of the likeliest set.
-    posterior : Posterior
-    catalogue : mapping of str to type of Mechanism
-    unit : str
-        Of the output.
-    """
+    """What is stated of a named region, by the fit of the likeliest set; the unit is that of the output."""
     members = [member.form.region for member in fit.state.members]
     rivals = posterior.instead_of(one.region)
     common: dict[str, Any] = {

@@ -24,6 +24,7 @@ from rlgcomp.numerics.readings import diffuses
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
+from rlgcomp.report.messages.wording import estimate_text
 
 Array = npt.NDArray[np.float64]
 _SIDE: Final = 1.0 / 32.0  # step of the grid at which the curvature of the evidence is taken
@@ -37,6 +38,11 @@ class Estimate:
     value: float
     sd: float
     unit: str
+
+    @property
+    def text(self) -> str:
+        """Value and standard deviation with the unit, as tables have them."""
+        return estimate_text(self.value, self.sd, self.unit)
 
     def to_mapping(self) -> dict[str, object]:
         """`value`, `sd` and `unit`, as JSON has them."""

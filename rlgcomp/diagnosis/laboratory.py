@@ -122,15 +122,7 @@ class Laboratory:
         return dataclasses.replace(found, others=others)
 
     def run_of(self, programme: Programme, plant: ThermalPlant, step_s: float) -> Recording:
-        """The monitors in a run of a programme; its gyro reads nothing.
-
-        Parameters
-        ----------
-        programme : Programme
-        plant : ThermalPlant
-            Says how the temperature that leads follows the chamber.
-        step_s : float
-        """
+        """The monitors in a run of a programme, its gyro zero; by the plant the temperature that leads follows the chamber."""
         since_s: Array = np.arange(sample_count(programme.duration_s, step_s), dtype=np.float64) * step_s
         shell_degC, block_degC = plant.temperatures(programme.set_point_degC(since_s), step_s)
         leading = shell_degC if self.followers else block_degC
@@ -196,14 +188,9 @@ def _means_of(runs: Sequence[Recording]) -> tuple[npt.NDArray[np.intp], _Means]:
 
 
 def _whitened(means: _Means, table: Array, walk: float) -> tuple[Array, float]:
-    """Columns whitened for white noise of unit variance and a random walk that begins anew in each run, and the log determinant.
+    """Columns, shape (n, k), whitened for white noise of unit variance and a random walk, and the log determinant.
 
-    Parameters
-    ----------
-    means : _Means
-    table : ndarray, shape (n, k)
-    walk : float
-        Standard deviation that the walk gathers in an hour.
+    The walk begins anew in each run and gathers a standard deviation of `walk` in an hour.
     """
     white, log_determinant = np.empty_like(table), 0.0
     level, variance = np.zeros(table.shape[1]), 0.0

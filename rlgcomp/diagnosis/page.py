@@ -21,7 +21,6 @@ from rlgcomp.report.messages.wording import (
     capital,
     cause_words,
     change_text,
-    estimate_text,
     listing,
     p_text,
     probability_text,
@@ -53,17 +52,7 @@ _WRITTEN: Final = ("diagnosis.json", "augmented.yaml")
 def write_page(
     path: str | Path, record: Record, *, truth: Mapping[str, Mechanism] | None = None, figures: str | Path | None = None
 ) -> None:
-    """Write the page, whole or not at all.
-
-    Parameters
-    ----------
-    path : path
-    record : Record
-    truth : mapping of str to Mechanism, optional
-        What was concealed, by name, where it is known: it is shown beside what was found.
-    figures : path, optional
-        Folder in which each figure is saved as an SVG file as well.
-    """
+    """Write the page, whole or not at all; parameters as of :meth:`~rlgcomp.diagnosis.result.Diagnosis.report`."""
     page, pictures = _page(record, truth, Path(path).parent)
     write_text(path, page)
     if figures is not None:
@@ -162,13 +151,9 @@ def _answers(record: Record) -> pd.DataFrame:
 
 def _parameters(record: Record) -> pd.DataFrame:
     """All numbers that the runs determine: of the findings, and of the simulator fitted together with them."""
-    rows = [
-        [cause_words(one.name), name, estimate_text(each.value, each.sd, each.unit)]
-        for one in record.members
-        for name, each in one.parameters.items()
-    ]
+    rows = [[cause_words(one.name), name, each.text] for one in record.members for name, each in one.parameters.items()]
     rows += [
-        [cause_words(mechanism) or "constant", name, estimate_text(each.value, each.sd, each.unit)]
+        [cause_words(mechanism) or "constant", name, each.text]
         for mechanism, numbers in record.recalibration.items()
         for name, each in numbers.items()
     ]
@@ -201,7 +186,7 @@ def _concealed(record: Record, truth: Mapping[str, Mechanism]) -> pd.DataFrame:
             value = getattr(true, parameter, None)
             true_text = f"{value:.4g} {stated.get(parameter, '')}".strip() if isinstance(value, int | float) else "–"
             each = estimates.get(parameter)
-            rows.append(["", parameter, true_text, "–" if each is None else estimate_text(each.value, each.sd, each.unit)])
+            rows.append(["", parameter, true_text, "–" if each is None else each.text])
     return pd.DataFrame(rows, columns=["mechanism", "what", "concealed", "found"])
 
 
@@ -242,8 +227,8 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
         "drivers": ", ".join(one.drivers),
         "parameters": pd.DataFrame(
             [
-                *({"parameter": name, "value": estimate_text(e.value, e.sd, e.unit)} for name, e in one.parameters.items()),
-                *({"parameter": s.place, "value": estimate_text(s.step.value, s.step.sd, s.step.unit)} for s in one.switches),
+                *({"parameter": name, "value": e.text} for name, e in one.parameters.items()),
+                *({"parameter": s.place, "value": s.step.text} for s in one.switches),
             ]
         ),
         "undetermined": ", ".join(one.undetermined),
@@ -264,8 +249,8 @@ def _baseline(record: Record) -> pd.DataFrame:
                 {
                     "mechanism": cause_words(mechanism) or "constant",
                     "parameter": name,
-                    "with nothing added": estimate_text(one.value, one.sd, one.unit),
-                    "with the findings": "" if other is None else estimate_text(other.value, other.sd, other.unit),
+                    "with nothing added": one.text,
+                    "with the findings": "" if other is None else other.text,
                 }
             )
     return pd.DataFrame(rows)

@@ -13,9 +13,10 @@ no parameters are stated.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -175,22 +176,29 @@ def _of_orders(
     return total
 
 
-def _points(mechanism: type[Mechanism], shapes: Mapping[str, float]) -> Iterator[Mechanism]:
+def _points(mechanism: type[Mechanism], shapes: Mapping[str, float]) -> list[Mechanism]:
     """The mechanism with these shapes and each choice of its settings, those of few amplitudes first; all its shapes are needed."""
-    choices: dict[str, tuple[Any, ...]] = {p.name: p.choices for p in mechanism.parameters() if p.role == "setting" and p.choices}
-    whole = [p for p in mechanism.parameters() if p.whole]
+    choices, whole = settings_of(mechanism), [p for p in mechanism.parameters() if p.whole]
     choices |= {p.name: tuple(range(int(p.low), int(p.high) + 1)) for p in whole if p.high - p.low < 10}
     choices |= {p.name: (round(shapes[p.name]),) for p in whole if p.name in shapes}
     shapes = {name: value for name, value in shapes.items() if name not in choices}
+    points = points_of(mechanism, choices | {name: (value,) for name, value in shapes.items()})
+    points = [one for one in points if {p.name for p in one.shape_parameters()} <= set(shapes)]
+    return sorted(points, key=lambda point: len(point.amplitude_parameters()))
+
+
+def settings_of(mechanism: type[Mechanism]) -> dict[str, tuple[Any, ...]]:
+    """Choices of its settings, by name."""
+    return {p.name: p.choices for p in mechanism.parameters() if p.role == "setting" and p.choices}
+
+
+def points_of(mechanism: type[Mechanism], choices: Mapping[str, Sequence[Any]]) -> list[Mechanism]:
+    """The mechanism with each choice of some parameters that it allows."""
     points = []
     for values in itertools.product(*choices.values()):
-        try:
-            point = mechanism(**(dict(zip(choices, values, strict=True)) | dict(shapes)))
-        except InputError:
-            continue
-        if {p.name for p in point.shape_parameters()} <= set(shapes):
-            points.append(point)
-    yield from sorted(points, key=lambda point: len(point.amplitude_parameters()))
+        with contextlib.suppress(InputError):
+            points.append(mechanism(**dict(zip(choices, values, strict=True))))
+    return points
 
 
 def _basis_of(point: Mechanism, runs: Sequence[str]) -> Callable[[Run], Array]:
@@ -201,15 +209,7 @@ def _basis_of(point: Mechanism, runs: Sequence[str]) -> Callable[[Run], Array]:
 def _of_shapes(fit: Fit, k: int, values: Array, sds: Sequence[Mapping[str, float]], *, own_units: bool) -> Array:
     """Covariance that errors of the shapes of leading bases bring into their coefficients, shape (e, e).
 
-    Parameters
-    ----------
-    fit : Fit
-    k : int
-    values : ndarray, shape (e,)
-    sds : sequence of mapping of str to float
-        Standard deviations of the shapes of each leading basis.
-    own_units : bool
-        Coefficients are by the units of the drivers.
+    `sds` are of the shapes of each leading basis; with `own_units` coefficients are by the units of the drivers.
     """
     lead = fit.state.members[k].form.lead
 
@@ -237,12 +237,7 @@ def _of_shapes(fit: Fit, k: int, values: Array, sds: Sequence[Mapping[str, float
 def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str, ...]]:
     """Numbers of the equation of the k-th member, and those that are not determined because its function is another.
 
-    Parameters
-    ----------
-    fit : Fit
-    k : int
-    unit : str
-        Of the output.
+    The unit is that of the output.
     """
     member, bases = fit.parts[k]
     lead = member.form.lead
@@ -286,8 +281,7 @@ def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
             return {"": ("k", _per(unit, of)), "time_constant_s": ("time_constant_s", "s"), "radius": ("radius", of)}
         case Power(degree=1) | Saturation() | Hinge() | SignedPower():
             path = basis.path
-            of = "" if path.driver.combination == "contrast" else display_unit(path.driver.columns[0])
-            of = f"{of}/min" if of and path.memory == "rate" else of
+            of = f"{path.driver.unit}/min" if path.driver.unit and path.memory == "rate" else path.driver.unit
             second = place > 0 and isinstance(basis, Hinge)
             if isinstance(basis, Saturation):
                 return {"": ("k", unit), "c": ("c", of), "w": ("w", of)}

@@ -35,15 +35,16 @@ LATENT: Final = {"telegraph": ["random_telegraph"], "wander": ["unrecorded"]}
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """A place of the mismatch: a run and interval, a regime of the monitors, or a frequency.
+    """A place of the mismatch: the interval of a run that holds most of it, or that of a regime of the monitors.
 
     Parameters
     ----------
     run, channel : str
-    start_s, end_s : float, optional
+    start_s, end_s : float
         In the run's own time.
     regime : str, optional
-    frequency_hz, angle_harmonic : float, optional
+    frequency_hz, angle_harmonic : None
+        Kept for readers of `diagnosis.json`.
     share : float
         Of the sum of squares of what is missing, over all training runs; shares of regimes are of the same sum.
     p_value : float
@@ -51,11 +52,11 @@ class Place:
 
     run: str
     channel: str
-    start_s: float | None = None
-    end_s: float | None = None
+    start_s: float
+    end_s: float
     regime: str | None = None
-    frequency_hz: float | None = None
-    angle_harmonic: float | None = None
+    frequency_hz: None = None
+    angle_harmonic: None = None
     share: float = 0.0
     p_value: float = 1.0
 

@@ -310,8 +310,7 @@ def _cancelling(record: Record) -> Iterator[Message]:
 
 
 def _means(record: Record, mechanism: Mechanism) -> Any:
-    weights = np.array([float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()])
-    return record.after.data.means(lambda run: run.on_bins(mechanism.basis(run.binned) @ weights))
+    return record.after.data.means(lambda run: run.on_bins(mechanism.basis(run.binned) @ mechanism.amplitude_values()))
 
 
 def _extrapolations(record: Record) -> Iterator[Message]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from rlgcomp.diagnosis.bases import Basis, Own
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Followed
+from rlgcomp.diagnosis.parameters import points_of, settings_of
 from rlgcomp.diagnosis.tabulated_laws import laws_of
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
@@ -113,7 +113,7 @@ def _baseline(fit: Fit) -> tuple[float, list[Mechanism]]:
         fitted = _with(mechanism, _values(fit, mechanism))
         own = fit.baseline.own.get(mechanism.name)
         if own is not None and fitted.amplitude_parameters():
-            weights = np.array([getattr(fitted, p.name) for p in fitted.amplitude_parameters()]) / own.per_unit()
+            weights = fitted.amplitude_values() / own.per_unit()
             column = fit.bank.columns(own) @ weights
             other = _means(fit, fitted)
             if np.std(column - other) > _SAME * fit.white:
@@ -192,7 +192,7 @@ def _named(fit: Fit, k: int, part: tuple[Basis, Array], form: type[Mechanism]) -
     wanted = fit.bank.columns(basis) @ weights
     scale = max(fit.white, float(np.std(wanted))) if isinstance(basis, Followed) else fit.white
     best: tuple[float, Mechanism, float] | None = None
-    for point in _settings(form):
+    for point in points_of(form, settings_of(form)):
         mechanism = _checked(point, values)
         if mechanism is None or not _used(mechanism) <= set(values):
             continue
@@ -204,8 +204,7 @@ def _named(fit: Fit, k: int, part: tuple[Basis, Array], form: type[Mechanism]) -
 
 
 def _means(fit: Fit, mechanism: Mechanism) -> Array:
-    weights = np.array([float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()])
-    return fit.data.means(lambda run: run.on_bins_of_rows(mechanism.basis(run.recording) @ weights))
+    return fit.data.means(lambda run: run.on_bins_of_rows(mechanism.basis(run.recording) @ mechanism.amplitude_values()))
 
 
 def _repeating(fit: Fit, k: int, catalogue: _Catalogue) -> Array:
@@ -227,16 +226,6 @@ def _orders(parts: Sequence[tuple[Basis, Array]]) -> tuple[Mechanism, float] | N
         numbers = {f"cosine_{j}_deg_h": float(weights[0]), f"sine_{j}_deg_h": float(weights[1])}
         found = dataclasses.replace(found or basis.mechanism, **{f"order_{j}": basis.mechanism.order_1}, **numbers)  # type: ignore[arg-type]
     return None if found is None else (found, 0.0)
-
-
-def _settings(mechanism: type[Mechanism]) -> Iterable[Mechanism]:
-    """The mechanism with each choice of its settings."""
-    choices = [(p.name, p.choices) for p in mechanism.parameters() if p.role == "setting" and p.choices]
-    for values in itertools.product(*(options for _, options in choices)):
-        try:
-            yield mechanism(**dict(zip((name for name, _ in choices), values, strict=True)))
-        except InputError:
-            continue
 
 
 def _used(mechanism: Mechanism) -> set[str]:

@@ -9,7 +9,6 @@ from typing import Any, Final
 from rlgcomp.diagnosis.fit import Estimate, Fit
 from rlgcomp.diagnosis.memories import Relays
 from rlgcomp.diagnosis.selections import in_all_runs
-from rlgcomp.report.messages.wording import estimate_text
 from rlgcomp.units import display_unit
 
 _MOST: Final = 12  # of a ladder; a density of relays has more, and none of them means anything singly
@@ -42,7 +41,7 @@ class Switch:
     @property
     def text(self) -> str:
         """Its step and where it switches."""
-        return f"{estimate_text(self.step.value, self.step.sd, self.step.unit)} {self.place}"
+        return f"{self.step.text} {self.place}"
 
     def to_mapping(self) -> dict[str, Any]:
         """An entry of a finding's `switches`."""

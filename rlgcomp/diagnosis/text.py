@@ -11,7 +11,6 @@ from rlgcomp.diagnosis.remarks import gain, headline, remarks
 from rlgcomp.diagnosis.scores import RunScore, Score
 from rlgcomp.report.messages.wording import (
     MEMORIES,
-    estimate_text,
     interval_text,
     listing,
     p_text,
@@ -102,7 +101,7 @@ def member_rows(record: Record) -> list[list[str]]:
             "; ".join(
                 [
                     *([one.equation] if one.parameters and one.own_form else []),
-                    *(f"{name} = {estimate_text(e.value, e.sd, e.unit)}" for name, e in one.parameters.items()),
+                    *(f"{name} = {e.text}" for name, e in one.parameters.items()),
                 ]
             )
             or "; ".join(switch.text for switch in one.switches)
@@ -141,17 +140,8 @@ def likely_sets(record: Record) -> list[tuple[str, float]]:
 
 
 def place_text(place: Place, began_s: float = 0.0) -> str:
-    """A place of the mismatch, with times since a beginning, that of its run."""
-    parts = [f"{place.run} {place.channel}"]
-    if place.start_s is not None and place.end_s is not None:
-        parts.append(span_text(place.start_s - began_s, place.end_s - began_s))
-    if place.regime:
-        parts.append(place.regime)
-    if place.frequency_hz is not None:
-        parts.append(f"at {place.frequency_hz:.4g} Hz")
-    if place.angle_harmonic is not None:
-        parts.append(f"harmonic {place.angle_harmonic:g} of the angle")
-    return ", ".join(parts)
+    """A place of the mismatch by run, with times since a beginning, that of its run."""
+    return f"{place.run} {place.channel}, {span_text(place.start_s - began_s, place.end_s - began_s)}"
 
 
 def place_rows(record: Record) -> tuple[list[list[str]], list[list[str]]]:

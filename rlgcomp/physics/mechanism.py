@@ -279,8 +279,11 @@ class Mechanism(abc.ABC):
     def contribution(self, recording: Recording, rng: np.random.Generator) -> Array:
         """Error in deg/h, shape (n,): the basis times the amplitudes. `rng` serves mechanisms that do not repeat between runs."""
         del rng
-        weights = np.array([getattr(self, parameter.name) for parameter in self.amplitude_parameters()], dtype=np.float64)
-        return np.asarray(self.basis(recording) @ weights)
+        return np.asarray(self.basis(recording) @ self.amplitude_values())
+
+    def amplitude_values(self) -> Array:
+        """Values of the amplitudes in use, in the order of the basis, shape (amplitudes,)."""
+        return np.array([getattr(self, parameter.name) for parameter in self.amplitude_parameters()], dtype=np.float64)
 
     @classmethod
     @functools.cache

@@ -213,10 +213,6 @@ def draw_channels(ax: Any, time_s: Array, period_s: float, columns: Mapping[str,
         A longer step than one and a half of it interrupts the lines.
     columns : mapping of str to ndarray, shape (n,)
     title : str
-
-    Returns
-    -------
-    Axes or ndarray of Axes
     """
     factor, label = time_axis(float(time_s[-1] - time_s[0]))
     groups = _sharing(columns)
