@@ -9,7 +9,7 @@ import pytest
 
 from rlgcomp.diagnosis.bases import Own
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Path
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.turning import RatePower, TableRate, with_angle_rows
@@ -31,6 +31,11 @@ def made(*missing: str | dict[str, Any], seed: int = 3, runs: int = 2) -> list[R
     return [simulator.simulate(PROGRAMME, seed=seed + k, name=f"run{k}") for k in range(runs)]
 
 
+def asked(train: list[Recording], *tests: Recording, **options: Any) -> Diagnosis:
+    """On windows twice as long as by default, of which there are half as many."""
+    return diagnose(BASE, train, tests, window_s=2.0 * Grid.of(train).window_s, black_box=False, **options)
+
+
 CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
     ((), []),
     (({"lock_in": {"lock_in_deg_s": 0.03}},), ["lock_in"]),
@@ -44,7 +49,7 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
 
 @pytest.mark.parametrize(("missing", "expected"), CASES, ids=lambda value: "+".join(map(str, value))[:40] or "none")
 def test_names_what_is_missing_of_a_table(missing: tuple[str | dict[str, Any], ...], expected: list[str]) -> None:
-    found = diagnose(BASE, made(*missing), black_box=False).to_mapping()
+    found = asked(made(*missing)).to_mapping()
     assert sorted(finding["mechanism"] for finding in found["findings"]) == expected
     assert found["verdict"] in (("explained", "ambiguous") if expected else ("none",))
 
@@ -60,7 +65,7 @@ def test_names_what_is_missing_of_a_table(missing: tuple[str | dict[str, Any], .
 )
 def test_augmented_file_holds_what_is_named_of_a_table(missing: dict[str, Any]) -> None:
     *train, test = made(missing, runs=3)
-    found = diagnose(BASE, train, [test], only=[*missing, "misalignment", "encoder_delay"], black_box=False)
+    found = asked(train, test, only=[*missing, "misalignment", "encoder_delay"])
     assert [finding["mechanism"] for finding in found.to_mapping()["findings"]] == list(missing)
     assert test.truth is not None
     without_noise = test.truth[["scale_factor", *missing]].sum(axis=1) + BASE.nominal_deg_h(test)
