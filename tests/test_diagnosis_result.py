@@ -167,7 +167,7 @@ def test_a_two_state_process_has_its_name_in_the_set(found: Diagnosis) -> None:
     process = Telegraph(1.0, 1.0, 10.0, np.ones(3), 5.0, 0.0)
     best = dataclasses.replace(found.posterior.best, telegraph=process, log_point=1e6)
     beside = dataclasses.replace(found, posterior=dataclasses.replace(found.posterior, states=(best,)))
-    assert text.alternative_rows(beside)[0][0] == "supply_voltage + random_telegraph"
+    assert text.likely_sets(beside)[0][0] == "supply_voltage + random_telegraph"
 
 
 def test_the_file_predicts_as_the_augmented_simulator(found: Diagnosis, runs: list[Recording], tmp_path: Path) -> None:
