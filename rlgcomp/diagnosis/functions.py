@@ -143,8 +143,8 @@ def _response(fit: Fit, k: int, driver: Driver) -> Function:
     columns: dict[int, Array] = {}
     for j, basis in late.items():
         each, weights = basis.mixture()
-        settled = float(isinstance(basis, Lag) and not basis.behind)
-        columns[j] = (settled - np.exp(-np.divide.outer(at, each)) @ weights) / driver.half
+        final = float(isinstance(basis, Lag) and not basis.behind)
+        columns[j] = (final - np.exp(-np.divide.outer(at, each)) @ weights) / driver.half
     unit = display_unit(driver.columns[0]) or "unit"
     return _made("response", f"time since a step of {driver.symbol} by 1 {unit}", "s", at, *_tabulated(fit, k, columns))
 
