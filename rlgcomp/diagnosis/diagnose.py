@@ -213,7 +213,7 @@ class _Engine:
     def posterior(self, recordings: Sequence[Recording]) -> _Chosen:
         """The posterior of all sets, the simulator alone and beside the likeliest set, and messages beside it."""
         bank, regions, alone = self.question(recordings)
-        absorbed = [region.mechanism for region in regions if region.mechanism and _absorbed(region, bank)]
+        absorbed = [region.mechanism for region in regions if region.mechanism == region.key and _absorbed(region, bank)]
         messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
         messages += [one.message() for one in self.identities(bank.data)]
         found, beside = Posterior.of(bank, regions), alone

@@ -197,7 +197,8 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     form = fit.state.members[k].form
     mechanism = common["mechanism"]
     estimates: dict[str, Estimate]
-    estimates, left = ({}, ()) if mechanism is None else of_mechanism(fit, k, mechanism)
+    of_catalogue = mechanism is not None and one.region == one.mechanism
+    estimates, left = of_mechanism(fit, k, mechanism) if of_catalogue else ({}, ())
     own_form = mechanism is not None and not estimates
     estimates = estimates or line_of(fit, k) or time_law_of(fit, k)
     if not estimates and not left:

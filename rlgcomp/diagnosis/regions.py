@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from rlgcomp.diagnosis import priors
@@ -41,6 +41,7 @@ from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
+OTHER_FORM: Final = "form:"  # before the name of a mechanism of the simulator, the key of its region
 _PLACES: Final = (-0.3, 0.25, 0.5, 0.75, 1.3)  # of the way from one thermometer to another
 
 
@@ -219,7 +220,7 @@ def own_bases(setting: Setting, present: Sequence[str]) -> dict[str, Basis]:
 
 
 def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: Sequence[str]) -> Iterator[Region]:
-    """Regions that mechanisms name, those that the simulator has already left out.
+    """Regions that mechanisms name; of one that the simulator has, forms other than its own, which are as likely as laws.
 
     Parameters
     ----------
@@ -229,23 +230,25 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
         Mechanisms of the simulator.
     """
     for name, mechanism in catalogue.items():
-        if name in present or not mechanism.is_candidate("chamber"):
+        if not mechanism.is_candidate("chamber"):
             continue
+        key, log_odds = (f"{OTHER_FORM}{name}", _LAW) if name in present else (name, _NAMED)
         if _has_frequency(mechanism):
-            yield Region(name, name, _NAMED, (), (), "none", harmonics(setting), propose=lines(setting, name))
+            yield Region(key, name, log_odds, (), (), "none", harmonics(setting), propose=lines(setting, key))
         elif name in _THERMAL:
             builder, memory = _THERMAL[name]
             if memory != "none" and not setting.has_thermometer:
                 continue
-            forms = forms_of(name, builder(setting))
+            families = builder(setting)
+            forms = forms_of(key, beyond(families) if name in present else families)
             drivers = () if memory == "none" else setting.temperature.columns
             if name == "thermal_gradient":
                 drivers = mechanism.drivers
             if forms:
                 yield Region(
+                    key,
                     name,
-                    name,
-                    _NAMED,
+                    log_odds,
                     forms,
                     drivers,
                     memory,
@@ -259,7 +262,7 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
             readable = setting.has_thermometer or TEMPERATURE not in mechanism.drivers
             if readable and all(column in setting.data.columns for column in columns):
-                yield _of_monitors(setting, name, mechanism, columns)
+                yield _of_monitors(setting, key, log_odds, mechanism, columns)
     if any(_has_frequency(mechanism) for mechanism in catalogue.values()):
         # a set that holds it has a wander beside its effects, as one whose noise wanders
         yield Region(WANDER, None, _NAMED, (), (), "none", propose=wanders(setting), nuisance=True)
@@ -269,15 +272,26 @@ def _has_frequency(mechanism: type[Mechanism]) -> bool:
     return "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}
 
 
-def _of_monitors(setting: Setting, name: str, mechanism: type[Mechanism], columns: tuple[str, ...]) -> Region:
+def beyond(families: Iterable[Family]) -> Iterator[Family]:
+    """Families, and those of several leading bases without the first, which is what the simulator has."""
+    for family in families:
+        yield family
+        rest = [lead[1:] for lead in family.leads if len(lead) > 1]
+        if rest:
+            yield dataclasses.replace(family, leads=rest)
+
+
+def _of_monitors(setting: Setting, key: str, log_odds: float, mechanism: type[Mechanism], columns: tuple[str, ...]) -> Region:
+    name, present = mechanism.name, key != mechanism.name
     one = len(columns) == 1 and len([p for p in mechanism.parameters() if p.role == "amplitude"]) == 1
     one = one and CATALOGUE.get(name) is mechanism  # a mechanism of the user's may be of any form
     if one or name in _PAIRS:
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
-        return Region(name, name, _NAMED, forms_of(name, _monitor(path, setting.data)), columns)
+        families = _monitor(path, setting.data)
+        return Region(key, name, log_odds, forms_of(key, beyond(families) if present else families), columns)
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
     smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)
-    return Region(name, name, _NAMED, forms_of(name, [Family(mechanism.equation, leads, smooth)]), columns)
+    return Region(key, name, log_odds, forms_of(key, [Family(mechanism.equation, leads, smooth)]), columns)
 
 
 def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:

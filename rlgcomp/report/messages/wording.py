@@ -26,6 +26,7 @@ _REGIONS: Final = {
     "rate": "a law of the rate of {0}",
     "product": "a product of {0} and {1}",
     "between": "a function of the temperature between {0} and {1}",
+    "form": "another form of {0}",
 }
 _REGION: Final = re.compile(rf"\b({'|'.join(_REGIONS)}):([\w:]+)")
 _LATENT: Final = re.compile(r"(?<![\w ])(wander|unrecorded)\b|(?<=\+ )(wander|unrecorded)\b")
