@@ -116,3 +116,28 @@ def test_a_mechanism_that_is_extended_keeps_the_simulator_s_columns() -> None:
     amplitude = found.recalibration["thermal_lag"]["k_deg_h_K"]
     assert amplitude.value == pytest.approx(0.004, rel=0.2)  # the time constant is calibrated before the search
     assert dataclasses.asdict(found.test)["improvement_ci95"][0] > 0.0
+    assert [cause.name for cause in found.causes] == ["thermal_polynomial"], "of another form than the simulator has"
+    assert found.verdict == "explained"
+    assert [one.name for one in found.augmented.mechanisms].count("thermal_polynomial") == 1
+
+
+@pytest.mark.parametrize("stated_deg_h_K", [0.004, 0.01])
+def test_a_stated_amplitude_beside_a_free_time_constant(stated_deg_h_K: float) -> None:
+    """What was stated was taken off at the file's time constant, not at the calibrated one; a wrong amplitude bent that as well."""
+    runs = recorded(
+        "thermal_polynomial",
+        {"thermal_lag": {"k_deg_h_K": 0.004, "time_constant_s": 900.0}},
+        {"supply_voltage": {"k_deg_h_V": 0.6}},
+    )
+    lag = {"thermal_lag": {"k_deg_h_K": stated_deg_h_K, "time_constant_s": {"value": 3600.0, "free": True}}}
+    low = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", lag]})
+    found = diagnose(low, runs[:2], runs[2:], only=("supply_voltage", "thermal_gradient", "temperature_rate"), black_box=False)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert found.verdict == "explained"
+    numbers = found.recalibration["thermal_lag"]
+    assert numbers["time_constant_s"].value == pytest.approx(900.0, abs=4.0 * numbers["time_constant_s"].sd)
+    if stated_deg_h_K != 0.004:
+        assert numbers["k_deg_h_K"].value == pytest.approx(0.004, abs=4.0 * numbers["k_deg_h_K"].sd)
+    for run in runs[2:]:
+        left = run.column("gyro_deg_h") - found.augmented.expected_deg_h(run)
+        assert np.std(left) < 1.1 * found.train.noise_floor_rms * np.sqrt(found.train.averaging_s / run.period_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, Self
 
 import numpy as np
@@ -35,12 +35,15 @@ class Baseline:
         Columns of mechanisms that are not computed by themselves.
     runs : tuple of str
         The training runs: mechanisms with amplitudes by run have columns in each of them.
+    given : Simulator, optional
+        Before its shapes were calibrated; what it states is taken off the runs.
     """
 
     simulator: Simulator
     amplitudes: Mapping[str, Array] = dataclasses.field(default_factory=dict)
     own: Mapping[str, Basis] = dataclasses.field(default_factory=dict)
     runs: tuple[str, ...] = ()
+    given: Simulator | None = None
 
     def free(self, mechanism: Mechanism, role: str) -> tuple[Parameter, ...]:
         """Parameters in use of a role that are to be calibrated."""
@@ -84,6 +87,20 @@ class Baseline:
             if any(known):
                 total = total + mechanism.basis(binned) @ np.array(known)
         return np.asarray(total)
+
+    def changed(self, run: Run) -> Array:
+        """What calibrated shapes change of what is stated: amplitudes that are known, by shapes that are free; shape (bins,)."""
+        if self.given is None:
+            return np.zeros(run.bins)
+        return run.on_bins(self.stated(run.binned) - Baseline(self.given).stated(run.binned))
+
+    def less_stated(self, data: Data) -> Data:
+        """The runs less what this simulator states, where that is not what the given one states."""
+        if self.given is None:
+            return data
+        given, pairs = Baseline(self.given), zip(self.given.mechanisms, self.simulator.mechanisms, strict=True)
+        same = all(not given.known(one) or (one == other and given.known(one) == self.known(other)) for one, other in pairs)
+        return data if same else dataclasses.replace(data, changed=self.changed)
 
     def columns(self, run: Run) -> Array:
         """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes.
@@ -138,12 +155,14 @@ class Baseline:
         """The same with amplitudes by least squares, at which derivatives by shapes are taken, shape (runs, k) each."""
         plain = dataclasses.replace(self, amplitudes={}, runs=tuple(run.name for run in data.runs))
         less = Less.of(beside)
-        weights = np.linalg.lstsq(less(data.means(plain.columns)), less(data.output), rcond=1e-12)[0]
+        output = less(self.less_stated(data).output)
+        weights = np.linalg.lstsq(less(data.means(plain.columns)), output, rcond=1e-12)[0]
         amplitudes, at = {}, 0 if self._has_constant() else 1
         for mechanism in self.simulator.mechanisms:
             names = {p.name for p in self.free(mechanism, "amplitude")}
-            values = np.array([[float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]])
-            values = np.repeat(values, len(plain.runs_of(mechanism)), axis=0)
+            stated = np.array([[float(getattr(mechanism, p.name)) for p in mechanism.amplitude_parameters()]])
+            before = self.amplitudes.get(mechanism.name, stated).mean(axis=0)  # of stated ones, which are as in every run
+            values = np.tile(before, (len(plain.runs_of(mechanism)), 1))
             places = [k for k, p in enumerate(mechanism.amplitude_parameters()) if p.name in names]
             count = len(places) * len(values)
             values[:, places] = weights[at : at + count].reshape(len(values), -1)
@@ -152,7 +171,9 @@ class Baseline:
         return dataclasses.replace(plain, amplitudes=amplitudes)
 
     @classmethod
-    def calibrated(cls, simulator: Simulator, data: Data, beside: Array | None = None) -> Self:
+    def calibrated(
+        cls, simulator: Simulator, data: Data, beside: Array | None = None, doubted: Mapping[str, Collection[str]] | None = None
+    ) -> Self:
         """The simulator with its free shapes at their least squares, from the best point of each mechanism's grid on.
 
         Parameters
@@ -161,9 +182,12 @@ class Baseline:
         data : Data
         beside : ndarray, shape (n, r), optional
             Columns that are fitted as well, their weights about as large as the white noise.
+        doubted : mapping of str to collection of str, optional
+            By mechanism, amplitudes that are stated and may be wrong: shapes are calibrated, and derivatives taken, with them free.
         """
         names_of_runs, less = tuple(run.name for run in data.runs), Less.of(beside)
-        output = less(data.output)
+        given, free = simulator, {name: simulator.free.get(name, frozenset()) | set(more) for name, more in (doubted or {}).items()}
+        simulator = dataclasses.replace(simulator, free={**simulator.free, **free})
         for mechanism in simulator.mechanisms:
             own = cls(simulator)
             shapes = own.free(mechanism, "shape")
@@ -171,7 +195,8 @@ class Baseline:
                 continue
 
             def misfit(candidate: Mechanism, others: Simulator = simulator) -> float:
-                tried = cls(others.with_mechanism(candidate), runs=names_of_runs)
+                tried = cls(others.with_mechanism(candidate), runs=names_of_runs, given=given)
+                output = less(tried.less_stated(data).output)
                 table = data.means(tried.columns)
                 table = less(table / np.maximum(np.linalg.norm(table, axis=0), 1e-300))
                 left = output - table @ np.linalg.lstsq(table, output, rcond=1e-10)[0]
@@ -188,7 +213,8 @@ class Baseline:
                 step = step if nearer != best else 0.5 * step
                 best = nearer
             simulator = simulator.with_mechanism(best)
-        return cls(simulator).linearised(data, beside)
+        found = cls(simulator, given=given).linearised(data, beside)
+        return dataclasses.replace(found, simulator=dataclasses.replace(simulator, free=given.free))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

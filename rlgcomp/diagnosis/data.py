@@ -329,11 +329,14 @@ class Data:
         Recorded columns that drive nothing: the output, a user's simulation of it.
     noise : NoiseModel, optional
         As stated.
+    changed : callable, optional
+        What is stated of a run beyond what its output lacks, shape (bins,).
     """
 
     runs: tuple[Run, ...]
     other: tuple[str, ...] = ()
     noise: NoiseModel | None = None
+    changed: Callable[[Run], Array] | None = None
 
     @functools.cached_property
     def known(self) -> Known:
@@ -346,7 +349,8 @@ class Data:
 
     @functools.cached_property
     def output(self) -> Array:
-        return np.concatenate([run.output for run in self.runs])
+        output = np.concatenate([run.output for run in self.runs])
+        return output if self.changed is None else output - self.means(self.changed)
 
     @functools.cached_property
     def white(self) -> Array:
@@ -359,7 +363,7 @@ class Data:
         return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(edges))
 
     def __len__(self) -> int:
-        return len(self.output)
+        return sum(len(run.output) for run in self.runs)
 
     def means(self, of_run: Callable[[Run], Array]) -> Array:
         """Window means of a function of a run that gives values on its bins."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -11,14 +11,14 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.bases import Basis, Own
 from rlgcomp.diagnosis.black_box import BlackBox
 from rlgcomp.diagnosis.clocks import clock_regions
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
 from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.evidence import Evidence, columns_of
+from rlgcomp.diagnosis.evidence import Evidence, Member, columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.identities import Identity, identities, without_identities
 from rlgcomp.diagnosis.laboratory import thermometer_of
@@ -192,11 +192,13 @@ class _Engine:
         """Columns of which the recorded output is the rate of change or the integral."""
         return () if self.turns else identities(data, self.recorded, self.request.unit)
 
-    def question(self, recordings: Sequence[Recording], beside: Array | None = None) -> tuple[Bank, list[Region], Baseline]:
-        """The data, the regions that are weighed, and the simulator with its free shapes calibrated, beside further columns."""
+    def question(
+        self, recordings: Sequence[Recording], beside: Array | None = None, doubted: Mapping[str, Collection[str]] | None = None
+    ) -> tuple[Bank, list[Region], Baseline]:
+        """The data, the regions that are weighed, and the simulator calibrated as :meth:`Baseline.calibrated` does."""
         data, simulator = self.data(recordings), self.runs.base
         data.require_windows()
-        baseline = Baseline.calibrated(simulator, data, beside)
+        baseline = Baseline.calibrated(simulator, data, beside, doubted)
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
             data = with_angle_rows(data, _bases(regions), self.output)
@@ -206,6 +208,7 @@ class _Engine:
             baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data, beside)
             regions = list(named(setting, self.candidates, present))
             regions += list(laws(setting, regions))
+        data = baseline.less_stated(data)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
         return bank, without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data)), baseline
@@ -231,18 +234,22 @@ class _Engine:
         """The question with free shapes of the simulator calibrated beside a set; None where that changes little.
 
         Shapes enter by their derivatives, and those that were calibrated to the runs as they are have met what is missing halfway:
-        a member of the set may stand for what their derivatives do not reach.
+        a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong they have
+        met that as well.
         """
         if self.turns or not state.members or not any(baseline.free(one, "shape") for one in baseline.simulator.mechanisms):
             return None
-        again = self.question(recordings, columns_of(bank, state.members))
+        doubted: dict[str, set[str]] = {}
+        for own in filter(None, map(_wrong_number, state.members)):
+            doubted.setdefault(own.mechanism.name, set()).add(own.mechanism.amplitude_parameters()[own.column].name)
+        members = tuple(member for member in state.members if _wrong_number(member) is None)
+        again = self.question(recordings, columns_of(bank, members), doubted)
         if again[-1].simulator == baseline.simulator:
             return None
-        members = state.members
         sets = (members, *((*members[:k], *members[k + 1 :]) for k in range(len(members))))
         now, before = (Evidence(one, state.noise, 0.0) for one in (again[0], bank))
         likelier = any(now.log_evidence(one) > before.log_evidence(one) + _LIKELIER for one in sets)
-        return again if likelier else None
+        return again if likelier or doubted else None
 
     def fitted(self, chosen: _Chosen) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
@@ -254,14 +261,15 @@ class _Engine:
         if self.turns:
             own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
             data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
+        data, data_alone = baseline.less_stated(data), alone.less_stated(data)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        bank_alone = bank if alone is baseline else Bank(data, alone.design(data), None if self.turns else alone)
-        before = Fit(data, alone, bank_alone, self._in_training(_without(best, posterior), bank_alone))
+        bank_alone = bank if alone is baseline else Bank(data_alone, alone.design(data), None if self.turns else alone)
+        before = Fit(data_alone, alone, bank_alone, self._in_training(_without(best, posterior), bank_alone))
         after = Fit(data, baseline, bank, self._in_training(best, bank))
         refused = self._refused(decision, before, after)
         if refused is not None:
             decision = Decision("none", ())
-            before = Fit(data, alone, bank_alone, self._in_training(_null(posterior), bank_alone))
+            before = Fit(data_alone, alone, bank_alone, self._in_training(_null(posterior), bank_alone))
             after = Fit(data, baseline, bank, self._in_training(_best(posterior, decision), bank))
         if decision.verdict == "none" and after.excess[1] < LOUDER:
             decision = Decision("unknown", (), louder=True)
@@ -378,6 +386,12 @@ class Repeated:
             runs.append(dataclasses.replace(run, output=run.output + more))
         data = dataclasses.replace(self.bank.data, runs=tuple(runs))
         return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
+
+
+def _wrong_number(member: Member) -> Own | None:
+    """The stated amplitude of the simulator that a member says is wrong; None of another member."""
+    lead = member.form.lead[0] if member.form.lead else None
+    return lead if isinstance(lead, Own) and lead.column is not None else None
 
 
 def _absorbed(region: Region, bank: Bank) -> bool:

@@ -225,8 +225,8 @@ class Fit:
         return sum(self.bank.columns(basis).shape[1] for basis, _ in self.parts[k][1])
 
     def predicted(self, run: Run) -> Array:
-        """The output less what is stated, of a run on its bins, shape (bins,)."""
-        total = self.baseline.columns(run) @ self.solution.numbers
+        """The output less what the given simulator states, of a run on its bins, shape (bins,)."""
+        total = self.baseline.columns(run) @ self.solution.numbers + self.baseline.changed(run)
         for k in range(len(self.parts)):
             total = total + self.term(k, run)
         return np.asarray(total)
@@ -247,7 +247,8 @@ class Fit:
         """The output predicted at each sample of a recording, in deg/h, shape (n,)."""
         run = Run.of(recording, grid, lambda binned: np.zeros(len(binned)))
         since = recording.time_s - recording.time_s[0] + 0.5 * recording.period_s
-        return np.interp(since, run.elapsed_s, self.predicted(run)) + self.baseline.stated(recording)
+        beyond = self.predicted(run) - self.baseline.changed(run)
+        return np.interp(since, run.elapsed_s, beyond) + self.baseline.stated(recording)
 
     # --- parameters ------------------------------------------------------------------------------------------------------------
 

@@ -65,7 +65,8 @@ def simulator_of(fit: Fit, catalogue: _Catalogue) -> SimulatorFile:
             left_out.append(member.form.region)
         repeating += _repeating(fit, k, catalogue)
     simulator = _with_constant(fit, mechanisms, constant)
-    fitted = fit.data.means(fit.baseline.columns) @ fit.baseline.repeating(fit.solution.numbers) + repeating
+    calibrated = fit.data.means(fit.baseline.columns) @ fit.baseline.repeating(fit.solution.numbers)
+    fitted = calibrated + fit.data.means(fit.baseline.changed) + repeating
     own = np.concatenate([run.means(_beyond_stated(simulator, fit, run)) for run in fit.data.runs])
     error = float(np.sqrt(np.mean((own - fitted) ** 2))) / max(fit.white, 1e-300)
     return SimulatorFile(dataclasses.replace(simulator, noise=noise_of(fit)), tuple(left_out), error)
@@ -77,8 +78,9 @@ def residual_of(simulator: Simulator, fit: Fit, run: Run) -> Array:
 
 
 def _beyond_stated(simulator: Simulator, fit: Fit, run: Run) -> Array:
-    """A simulator's prediction of a run less what was stated before the fit, shape (bins,)."""
-    return run.on_bins_of_rows(simulator.expected_deg_h(run.recording)) - run.on_bins(fit.baseline.stated(run.binned))
+    """A simulator's prediction of a run less what the given simulator states, shape (bins,)."""
+    stated = run.on_bins(fit.baseline.stated(run.binned)) - fit.baseline.changed(run)
+    return run.on_bins_of_rows(simulator.expected_deg_h(run.recording)) - stated
 
 
 def mechanisms_of(fit: Fit, k: int, catalogue: _Catalogue) -> tuple[Mechanism, ...]:
