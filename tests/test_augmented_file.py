@@ -41,7 +41,7 @@ PROGRAMMES = (
 @pytest.fixture(scope="module")
 def runs() -> list[Recording]:
     real = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
-    return [real.simulate(p, seed=k, step_s=10.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
+    return [real.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)]
 
 
 @pytest.fixture(scope="module")

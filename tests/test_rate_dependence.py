@@ -115,7 +115,7 @@ def test_a_curve_without_lock_in_gives_none() -> None:
 @pytest.mark.parametrize("by_run", [0.0, 0.02])
 def test_standard_errors_are_true_when_runs_differ_as_a_whole(by_run: float) -> None:
     rng, scores, naive = np.random.default_rng(7), [], []
-    for _ in range(250):
+    for _ in range(120):
         table = drawn(rng, by_run=by_run)
         fit = fit_lock_in(table)
         scores.append(((fit.lock_in_deg_s - 0.03) / fit.lock_in_sd_deg_s, (fit.offset_ppm + 3.0) / fit.offset_sd_ppm))
