@@ -526,3 +526,117 @@ def test_units_in_the_cells_are_named_as_the_cause(tmp_path: Path, separator: st
     path = written(tmp_path / "run.csv", "\n".join([f"time{separator}rate", *lines]) + "\n")
     with pytest.raises(rlg.InputError, match=r"cells hold units beside their numbers, the first '0\.0 s'; write numbers alone"):
         rlg.read(path)
+
+
+# --- separators, empty cells, units -----------------------------------------------------------------------------------------
+
+FIXED = "fixed width"
+
+
+@pytest.mark.parametrize("till", [0, 10_000])
+def test_a_column_that_begins_empty_is_a_column(tmp_path: Path, till: int) -> None:
+    """Tabs before blanks: an empty cell does not move its neighbours, nor names."""
+    count = max(ROWS, till + 5)
+    lines = [f"{k}\t{'' if till == 0 or k < till else k}\t{k % 7}.5\t{20 + k % 5}.25" for k in range(count)]
+    read = csv.load(written(tmp_path / "run.txt", "\n".join(["time_s\tutc\tgyro_deg_h\tT [degC]", *lines]) + "\n")).table
+    assert list(read.columns) == ["time_s", "utc", "gyro_deg_h", "T [degC]"]
+    assert read["utc"].notna().sum() == (5 if till else 0)
+    assert read["gyro_deg_h"].tolist() == [k % 7 + 0.5 for k in range(count)]
+
+
+def test_an_empty_cell_between_blanks_is_refused(tmp_path: Path) -> None:
+    lines = rows(" ")
+    lines[7] = lines[7].rpartition(" ")[0]
+    with pytest.raises(rlg.InputError, match="line 9 has 2 entries and there are 3 columns; blanks do not show which is empty"):
+        rlg.read(written(tmp_path / "run.txt", "\n".join([" ".join(NAMES), *lines]) + "\n"))
+    lines[7:] = [lines[7]]  # the last line may be cut
+    assert len(rlg.read(written(tmp_path / "run.txt", "\n".join([" ".join(NAMES), *lines]) + "\n"))) == 8
+
+
+@pytest.mark.parametrize("names", ["t;w;;T;", "t;w;w;T;T"])
+def test_units_are_those_of_the_columns_whatever_their_names(tmp_path: Path, names: str) -> None:
+    """Merged titles leave names empty; a title may stand twice."""
+    lines = [
+        f"{k};{w / 3600:.9f};{2 * w / 3600:.9f};{T:.3f};{1.8 * T + 32:.3f}"
+        for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))
+    ]
+    path = written(tmp_path / "run.csv", "\n".join([names, "s;°/s;°/s;°C;°F", *lines]) + "\n")
+    mapping = {
+        "time_s": "t",
+        "gyro_x_deg_h": "2",
+        "gyro_z_deg_h": "3",
+        "temperature_block_degC": "4",
+        "temperature_shell_degC": "5",
+    }
+    run = rlg.read(path, columns=mapping)
+    assert run.column("gyro_z_deg_h") == pytest.approx(2.0 * GYRO, abs=1e-5)
+    assert run.column("temperature_shell_degC") == pytest.approx(BLOCK, abs=2e-3)
+
+
+def test_remarks_behind_stars_above_numbers_without_names(tmp_path: Path) -> None:
+    head = ["* UNIT  RLG17", "* SF  1.113 ARCSEC/COUNT", "* RATE  1 HZ", "* COLUMNS   TIME  RATE(DEG/H)  TEMP(DEGC)"]
+    path = written(tmp_path / "run.dat", "\n".join([*head, *rows("   ")]) + "\n")
+    assert "no_names" in expect(rlg.read(path, columns=dict(zip(NAMES, "123", strict=True))))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("every", [0, 20])
+def test_numbers_above_the_names_are_left_out_by_name(tmp_path: Path, separator: str, every: int) -> None:
+    matrix = ["Device,RLG17,", "Cal matrix,,", "1.001,0.002,0.0001", "0.0002,0.999,0.0003", "Sample rate,1,Hz"]
+    head, body = [line.replace(",", separator) for line in matrix], rows(separator)
+    again = [line for k in range(0, ROWS, every or ROWS) for line in (separator.join(NAMES), *body[k : k + (every or ROWS)])]
+    found = expect(rlg.read(written(tmp_path / "run.csv", "\n".join([*head, *again]) + "\n")))
+    assert found["numbers_above_names"].message.data == {"rows": 3, "first": head[2]}
+
+
+def test_words_alone_within_the_numbers_name_nothing(tmp_path: Path) -> None:
+    """Counters in hexadecimal digits: a row of them without a decimal one is no line of names."""
+    lines = [f"{k:04d},{w:.6f},{T:.3f}" for k, (w, T) in enumerate(zip(GYRO, BLOCK, strict=True))]
+    lines[3] = "0A0C,0B0D,0FFE"
+    assert list(csv.load(written(tmp_path / "run.csv", "\n".join([",".join(NAMES), *lines]) + "\n")).table.columns) == NAMES
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> tuple[str, str, list[str], list[str], np.ndarray]:
+    """A table written with any separator, columns and cells empty at random, with or without a row of units and a preamble."""
+    separator = draw(st.sampled_from([",", ";", "\t", "|", " ", FIXED]))
+    width, length = draw(st.integers(2, 6)), draw(st.integers(4, 70))
+    names = draw(st.permutations(["time_s", "gyro_deg_h", "temperature_block_degC", "note", "GNSS_velocity_north", "q"]))[:width]
+    units = draw(st.sampled_from([[], ["s", "deg/s", "degF", "K", "V", "rad/s"][:width]]))
+    numbers = np.round(np.random.default_rng(draw(st.integers(0, 1000))).normal(20.0, 40.0, (length, width)), 4)
+    numbers[:, 0] = np.arange(length) * draw(st.sampled_from([1.0, 0.1, 1e7]))
+    if separator != " ":
+        numbers[:, draw(st.lists(st.integers(0, width - 1), max_size=width - 2, unique=True))] = np.nan
+        for row, column in draw(st.lists(st.tuples(st.integers(0, length - 1), st.integers(1, width - 1)), max_size=4)):
+            numbers[row, column] = np.nan
+    decimal = draw(st.sampled_from(".,")) if separator != "," else "."
+    cells = [["" if np.isnan(one) else f"{one:.4f}".replace(".", decimal) for one in row] for row in numbers]
+    sign, size = (" ", 24) if separator == FIXED else (separator, 0)
+    lines = [sign.join(f"{one:>{size}}" if size else one for one in row) for row in ([names, units] if units else [names])]
+    lines += [sign.join(f"{one:>{size}}" if size else one for one in row) for row in cells]
+    return "\n".join(lines) + "\n", separator, list(names), units, numbers
+
+
+@settings(max_examples=400, deadline=None)
+@given(
+    table=tables(),
+    note=st.sampled_from(["", "# a remark\n", "* RATE 200 HZ\n* COLUMNS below\n", "Device one on the bench in the cellar\n"]),
+)
+def test_any_table_reads_back_under_its_own_names_or_is_refused(
+    tmp_path_factory: pytest.TempPathFactory, table: tuple[str, str, list[str], list[str], np.ndarray], note: str
+) -> None:
+    text, separator, names, units, numbers = table
+    path = written(tmp_path_factory.mktemp("any") / "run.txt", note + text)
+    try:
+        read = csv.load(path)
+    except rlg.InputError:
+        assert separator == FIXED, text  # an empty column of fixed width: which name is whose?
+        return
+    if separator == FIXED and list(read.table.columns) != names:
+        assert not set(read.table.columns) & {"time_s", "gyro_deg_h", "temperature_block_degC"}
+        return
+    assert list(read.table.columns) == names
+    values = read.table.to_numpy(dtype=np.float64)
+    values, numbers = (rows[~np.isnan(rows).all(axis=1)] for rows in (values, numbers))
+    assert np.allclose(values, numbers, rtol=1e-12, atol=1e-12, equal_nan=True)
+    assert dict(read.units) == dict(zip(names, units, strict=False))

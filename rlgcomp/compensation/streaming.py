@@ -317,6 +317,11 @@ class StreamCompensator:
         regular = [line for line in lines if self._count(line) <= len(self.dialect.names)]
         if len(regular) < len(lines):
             self.left_out["with more entries than columns"] += len(lines) - len(regular)
+        if self.dialect.separator == BLANKS:  # which do not show which entry is empty
+            whole = [line for line in regular if self._count(line) == len(self.dialect.names)]
+            if len(whole) < len(regular):
+                self.left_out["with fewer entries than columns"] += len(regular) - len(whole)
+            regular = whole
         table = csv.parse([line.replace('"', "") for line in regular], self.dialect, "the stream")
         if self.period_s is not None and TIME not in table:
             table[TIME] = self.period_s * np.arange(self._rows, self._rows + len(table))
@@ -333,7 +338,9 @@ class StreamCompensator:
         unknown = [column for column in self.drop if column not in table.columns]
         if unknown:
             raise InputError(f"cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
-        return apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream", file_units=self.dialect.units)[0]
+        return apply_mapping(
+            table.drop(columns=self.drop), self.mapping, name="the stream", file_units=csv.units_of(self.dialect, "the stream")
+        )[0]
 
     def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
         mapped = self._renamed(table)

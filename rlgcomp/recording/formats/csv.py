@@ -55,6 +55,7 @@ def load(path: Path) -> Contents:
         if not written.names:
             raise InputError(_no_table(path, written))
         raw = _pandas(path, written)
+        _require_no_blank_cells(raw, written, path)
         joins: tuple[Finding, ...] = ()
         if written.segments:
             raw, joins = labview.joined(raw, written, path)
@@ -65,7 +66,9 @@ def load(path: Path) -> Contents:
     except _DAMAGED as error:
         raise InputError(f"{path} is not readable as CSV: {_parser_message(error)}") from None
     above = " | ".join(line.strip() for line in written.above if line.strip() and not line.startswith("#"))
-    return Contents(table, {"above_the_header": above} if above else {}, written.units, written.findings + joins + findings)
+    return Contents(
+        table, {"above_the_header": above} if above else {}, units_of(written, path), written.findings + joins + findings
+    )
 
 
 def header(path: Path) -> list[str]:
@@ -115,6 +118,7 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
         first = 0
         with _pandas(path, written, usecols=list(columns), chunksize=rows) as reader:
             while (raw := _next_of(reader)) is not None:
+                _require_no_blank_cells(raw, written, path)
                 table = tidied(raw.reset_index(drop=True), written, path, first=first)[0][list(columns)]
                 first += len(table)
                 yield table
@@ -153,6 +157,17 @@ def names_of(written: Dialect, path: str | Path) -> list[str]:
     return names
 
 
+def units_of(written: Dialect, path: str | Path) -> dict[str, str]:
+    """Units that the file states, by the names of their columns.
+
+    Raises
+    ------
+    InputError
+        As :func:`names_of`.
+    """
+    return {name: unit for name, unit in zip(names_of(written, path), written.units, strict=False) if unit is not None}
+
+
 def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
     """Rows of a text below its names.
 
@@ -172,6 +187,29 @@ def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
     except pd.errors.ParserError as error:
         raise InputError(f"{source} is not readable as CSV: {_parser_message(error)}") from None
     return tidied(table, written, source)[0]
+
+
+def _require_no_blank_cells(table: pd.DataFrame, written: Dialect, path: Path) -> None:
+    """Raise where blanks separate and a line but the last has too few entries: those after the empty one would shift.
+
+    Raises
+    ------
+    InputError
+        There is one.
+    """
+    if written.separator != BLANKS or not table.iloc[:, -1].isna().any():
+        return
+    short: tuple[int, int] | None = None
+    with _opened(path, "rt", encoding=written.encoding) as stream:
+        for number, line in enumerate(stream, start=1):
+            count = len(line.partition("#")[0].split())
+            if short is not None and count:
+                raise InputError(
+                    f"{path}: line {short[0]} has {short[1]} entries and there are {len(written.names)} columns; blanks do not "
+                    "show which is empty: separate the columns by tabs, commas or semicolons, or write nan in empty ones"
+                )
+            if number > written.first and 0 < count < len(written.names):
+                short = number, count
 
 
 def tidied(table: pd.DataFrame, written: Dialect, path: str | Path, *, first: int = 0) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
@@ -376,10 +414,9 @@ def _by_arrow(path: Path, names: list[str], separator: str) -> pd.DataFrame | No
 
 
 def _dialect(path: Path) -> Dialect:
-    opener = gzip.open if path.suffix == ".gz" else open
-    if opener is gzip.open:
+    if path.suffix == ".gz":
         require_gunzippable(path)
-    with opener(path, "rb") as stream:
+    with _opened(path, "rb") as stream:
         head = _first_lines(stream)
     encoding = _encoding(head, path)
     every = re.split(r"\r\n|\n|\r", head.decode(encoding, errors="ignore"))
@@ -389,6 +426,10 @@ def _dialect(path: Path) -> Dialect:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return dataclasses.replace(found, encoding=encoding)
+
+
+def _opened(path: Path, mode: str, **how: Any) -> Any:
+    return (gzip.open if path.suffix == ".gz" else open)(path, mode, **how)
 
 
 def _first_lines(stream: BinaryIO | gzip.GzipFile) -> bytes:

@@ -1,8 +1,9 @@
 """Dialects of text files of numbers: separator, decimal sign, and where the names and units of the columns stand.
 
-The separator is the one that leaves most numbers, dates and clock times. A decimal comma shows in numbers alone, never in dates
-(`20.01.2021`) or clock times (`08:00:00.000`, `22:09:43,250`). Names with blanks above columns of fixed width belong to the columns
-that they stand over.
+The separator is the one by which most lines, also the names, have as many entries, and those of rows of numbers are numbers,
+dates, clock times or empty; blanks come last. A decimal comma shows in numbers alone, never in dates (`20.01.2021`) or clock times
+(`08:00:00.000`, `22:09:43,250`). The names are the line of words above most of the numbers. Names with blanks above columns of
+fixed width belong to the columns that they stand over.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import csv as text
 import dataclasses
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from rlgcomp import units
@@ -22,8 +23,8 @@ from rlgcomp.report.messages import message
 BLANKS: Final = " "
 SEPARATORS: Final = ("\t", ";", ",", "|", BLANKS)  # of two that leave as many numbers the first is taken
 REMARK: Final = ("#", "%", "//")  # begins of lines that may name the columns, though they are no data
+_MARKS: Final = ("*", "!", ";", "--")  # of remarks above the numbers, as other programs begin them
 _SHOWING: Final = 60  # lines that show the separator and the line of names
-_NEARLY_ALL: Final = 0.8
 _MOST_BELOW: Final = 3  # rows of units, kinds or blanks between the names and the numbers
 
 MINUS: Final = "−–﹣－"  # signs that typeset numbers have in place of the hyphen
@@ -38,7 +39,7 @@ _DATE: Final = (
     r"(\d{1,4}[-/.](\d{1,2}|[^\W\d]{3,9}\.?)[-/.]\d{1,4}|\d{1,2}\.? ?[^\W\d]{3,9}\.?,? \d{4}|[^\W\d]{3,9}\.? \d{1,2},? \d{4})"
 )
 _STATED: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)  # the first line of Excel, for itself
-_MARK: Final = re.compile(r"([!*;'\"]|--)$")  # before the names, as other programs begin remarks
+_MARKED: Final = re.compile(r"(#|%|//|[*!;]|--)+\s*")  # what stands before the names in a remark
 _TIME: Final = re.compile(rf"{_DATE}([T ,_]+{_CLOCK} ?(Z|UTC|[+-]\d\d:?\d\d)?)?|{_CLOCK}")
 
 
@@ -56,8 +57,8 @@ class Dialect:
         Names of the columns, as many as the rows have entries; an entry behind the last separator has an empty name.
     first : int
         Lines above the first row of numbers.
-    units : mapping of str to str
-        Units of a row of units.
+    units : tuple of str or None
+        Units of a row of units, of each column that has one.
     above : tuple of str
         Lines above the names: the recorder's notes.
     plain : bool
@@ -82,7 +83,7 @@ class Dialect:
     decimal: str
     names: tuple[str, ...]
     first: int
-    units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    units: tuple[str | None, ...] = ()
     above: tuple[str, ...] = ()
     plain: bool = True
     findings: tuple[Finding, ...] = ()
@@ -104,32 +105,40 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     separator = stated[1] if stated else _separator(top)
     _require_plain_cells(top)
     rows = [entries(line, separator) for line in top]
-    if not rows or (len(rows) > _MOST_BELOW and not any(is_value(entry) for row in rows for entry in row)):
+    if not rows or (len(rows) > _MOST_BELOW and not any(map(_has_value, rows))):
         return Dialect(separator, ".", (), len(lines), above=tuple(lines))
-    named = _names_at(rows)
+    width = Counter(len(row) for row in rows[len(rows) // 2 :]).most_common(1)[0][0]
+    begins = next((at for at, row in enumerate(rows) if len(row) == width and _has_value(row) and row[0] not in _MARKS), 0)
+    kept = [at for at, row in enumerate(rows) if at >= begins or not _is_remark(top[at], row, width)]
+    places = [places[at] for at in kept] + places[len(rows) :]
+    top, rows = [top[at] for at in kept], [rows[at] for at in kept]
+    named = _names_at(rows, width)
     findings: list[Finding] = []
+    below: list[list[str]] = []
     if named is None:
         at = 0
-        first = places[0]
-        width = len(rows[0])
-        in_remark = _named_in_remark(lines[:first], width, separator)
+        above = list(lines[: places[0]])
+        in_remark = _named_in_remark(above, width, separator)
         names = in_remark or [str(k) for k in range(1, 1 + width)]
         about = message("recording.names_in_remark", columns=names) if in_remark else message("recording.no_names", columns=names)
         findings.append(Finding("noted", about))
-        below: list[list[str]] = []
-        above = list(lines[:first])
     else:
         names = [name.lstrip("\ufeff") for name in rows[named]]
         below = _below(rows[named + 1 :])
         at = named + 1 + len(below)
-        first = places[at] if at < len(places) else len(lines)
         above = list(lines[: places[named]])
+        unused = [top[k] for k, row in enumerate(rows[:named]) if len(row) == width and _has_value(row)]
+        if unused:
+            findings.append(Finding("noted", message("recording.numbers_above_names", rows=len(unused), first=unused[0].strip())))
+    first = places[at] if at < len(places) else len(lines)
     data = rows[at:]
     most = max((len(row) for row in data), default=len(names))
     if named is not None and len(names) > most:
         names = _fewer_names(names, most, top[named], top[at:], separator)
     width = max([len(names), *(len(row) for row in data[:1])])
-    units_below = _units_of(names, below)
+    padded = width - len(names)
+    names += [""] * padded
+    units_below = _units_of(width, below)
     findings += _findings_below(names, below, units_below)
     seen = decimal_of(separator, (lines[place] for place in places[at:]))
     decimal = seen or "."
@@ -138,17 +147,26 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     return Dialect(
         separator,
         decimal,
-        tuple(names + [""] * (width - len(names))),
+        tuple(names),
         first,
         units_below,
         tuple(above),
         plain=named == 0 and first == 1,
         findings=tuple(findings),
         below=tuple(map(tuple, below)),
-        padded=width - len(names),
+        padded=padded,
         surplus=sum(map(bool, names[most:])) if data else 0,
         decimal_seen=seen is not None,
     )
+
+
+def _has_value(row: Iterable[str]) -> bool:
+    return any(map(is_value, row))
+
+
+def _is_remark(line: str, row: Sequence[str], width: int) -> bool:
+    """Whether a line above the numbers is a remark behind a mark, and no row whose first entry begins with such a sign."""
+    return line.startswith(_MARKS) and (len(row) != width or row[0] in _MARKS)
 
 
 def _require_plain_cells(lines: Sequence[str]) -> None:
@@ -212,36 +230,43 @@ def without_thousands(entry: str, written: Dialect) -> str:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """The separator that leaves the largest share of values, in lines of equally many entries."""
-    best, highest = ",", (0.0, 0.0)
+    """The separator by which most lines agree in the number of their entries, and most entries of rows of numbers are values.
+
+    Lines of words count by their width alone, and empty cells are cells: so a column that is empty throughout is a column.
+    """
+    best, highest = ",", 0.0
     for separator in SEPARATORS:
-        sign = separator if separator != BLANKS else None
-        if sign is not None and not any(sign in line for line in lines):
-            continue
         rows = [entries(line, separator) for line in lines]
-        width, agreeing = Counter(len(row) for row in rows).most_common(1)[0] if rows else (0, 0)
-        if width < 2:
-            continue
-        every = [entry for row in rows if len(row) == width for entry in row if entry]
-        score = (sum(map(is_value, every)) / max(1, len(every)), agreeing / len(rows))
-        score = (score[0] * score[1], score[1])
-        if score[0] > highest[0] + 1e-9:
+        width, agreeing = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
+        filled = [entry for row in rows if len(row) == width > 1 and _has_value(row) for entry in row if entry]
+        score = sum(map(is_value, filled)) / max(1, len(filled)) * agreeing / max(1, len(rows))
+        if score > highest + 1e-9:
             best, highest = separator, score
-    if highest[0] == 0.0 and lines:  # names alone
+    if highest == 0.0 and lines:  # names alone
         return max((",", ";", "\t"), key=lines[0].count)
     return best
 
 
-def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
-    """The row that names the columns: the first without values that has as many entries as nearly all rows after it."""
+def _names_at(rows: Sequence[Sequence[str]], width: int) -> int | None:
+    """The row that names the columns: of the rows of words as wide as the numbers, that with most rows of numbers below it."""
+    numbers = [row for row in rows if len(row) == width and _has_value(row)]
+    padded = bool(numbers) and not any(row[-1] for row in numbers)  # the rows end in a separator, the names need not
+    below: Counter[tuple[str, ...]] = Counter()  # rows of numbers, by the names above them
+    named, open_block = None, False
     for place, row in enumerate(rows):
-        after = rows[place + 1 :]
-        wide = sum(len(other) == len(row) or (len(other) == len(row) + 1 and not other[-1]) for other in after)
-        if any(map(is_value, row)) or wide < _NEARLY_ALL * len(after) or (len(row) < 2 and after) or not any(row):
-            continue
-        return _without_repetition(rows, place)
-    worded = next((place for place, row in enumerate(rows) if any(map(is_value, row))), 0) - 1
-    if worded >= 0 and len(rows[worded]) > max(map(len, rows[worded + 1 :])):
+        fits = len(row) == width or len(row) == width - padded or (len(row) == width + 1 and not row[-1])
+        if _has_value(row):
+            open_block = False
+            if named is not None:
+                below[named] += 1
+        elif fits and not open_block and len({entry for entry in row if entry}) > 1 and (named is None or _are_names(row)):
+            named, open_block = tuple(rows[_without_repetition(rows, place)]), True
+            below[named] += 0
+    if below:
+        most = below.most_common(1)[0][0]
+        return next(place for place, row in enumerate(rows) if tuple(row) == most)
+    worded = next((place for place, row in enumerate(rows) if len(row) == width and _has_value(row)), 0) - 1
+    if worded >= 0 and not _has_value(rows[worded]):
         return worded  # names that hold the separator, or more of them than entries
     if not rows or all(not entry or is_value(entry) for entry in rows[0]):
         return None
@@ -252,29 +277,36 @@ def _names_at(rows: Sequence[Sequence[str]]) -> int | None:
 def _without_repetition(rows: Sequence[Sequence[str]], place: int) -> int:
     """The row of names: the first, or, where an entry repeats in it, a later one above the numbers whose entries all differ."""
     for later, row in enumerate(rows[place : place + _MOST_BELOW], start=place):
-        if any(map(is_value, row)) or (later > place and (_unit_count(row) or len(row) != len(rows[place]))):
+        if _has_value(row) or (later > place and (_unit_count(row) or len(row) != len(rows[place]))):
             break
         if all(row) and len(set(row)) == len(row):
             return later
     return place
 
 
+def _are_names(row: Sequence[str]) -> bool:
+    """Whether words below numbers may name columns again: each begins with a letter, and no two are alike."""
+    return all(entry[:1].isalpha() for entry in row) and len(set(row)) == len(row)
+
+
 def _fewer_names(names: list[str], width: int, line: str, data: Sequence[str], separator: str) -> list[str]:
-    """Names as many as the entries of the rows, where more were read: behind a mark, between wide gaps, or over the columns."""
-    if len(names) == width + 1 and (_MARK.match(names[0]) or not names[0]):
+    """Names as many as the entries of the rows, where more were read: behind an empty one, between wide gaps, over the columns."""
+    if len(names) == width + 1 and not names[0]:
         return names[1:]
-    if separator != BLANKS:
-        return names
-    inside = re.sub(r"^[!*;]\s*", "", line.strip())
-    for between in (r"\s{2,}", r"\t", r"\s*[,;|]\s*"):
-        apart = re.split(between, inside)
-        if len(apart) == width:
-            return apart
-    return _names_over_columns(line, data, width) or names
+    return (_names_between(line, width) or _names_over_columns(line, data, width) or names) if separator == BLANKS else names
+
+
+def _names_between(line: str, width: int) -> list[str] | None:
+    """So many names of a line between wide gaps or signs; None where there are more or less."""
+    every = (re.split(between, line.strip()) for between in (r"\s{2,}", r"\t", r"\s*[,;|]\s*"))
+    return next((names for names in every if len(names) == width and all(names)), None)
 
 
 def _names_over_columns(line: str, data: Sequence[str], width: int) -> list[str] | None:
-    """Names of columns of fixed width, each word belonging to the column nearest to it; None where the columns are not aligned."""
+    """Names of columns of fixed width, each word belonging to the column nearest to it.
+
+    None where the columns are not aligned, or where words with a wide gap between them fall to one: a column is then empty.
+    """
     used = [False] * max(map(len, [line, *data]))
     for row in data:
         for place, sign in enumerate(row.expandtabs()[: len(used)]):
@@ -287,17 +319,17 @@ def _names_over_columns(line: str, data: Sequence[str], width: int) -> list[str]
         gaps = [max(start - word.end(), word.start() - stop) for start, stop in columns]
         nearest = gaps.index(min(gaps))
         names[nearest] = f"{names[nearest]} {word[0]}".strip()
-    return names if all(names) else None
+    return names if all(names) and all(name in line.expandtabs() for name in names) else None
 
 
 def _named_in_remark(above: Sequence[str], width: int, separator: str) -> list[str] | None:
     """The names in the last remark above the numbers that has as many entries as these."""
     for line in reversed(above):
-        if line.startswith(REMARK):
-            inside = re.sub(r"^(#|%|//)+\s*", "", line.strip())
-            for sign in dict.fromkeys((separator, *SEPARATORS)):
-                names = entries(inside, sign)
-                if len(names) == width and all(names) and not any(map(is_value, names)):
+        if line.startswith(REMARK + _MARKS):
+            inside = _MARKED.sub("", line.strip(), count=1)
+            every = [entries(inside, sign) for sign in dict.fromkeys((separator, *SEPARATORS))]
+            for names in (*every, (line is above[-1] and _names_between(inside, width)) or []):
+                if len(names) == width and all(names) and not _has_value(names):
                     return names
     return None
 
@@ -325,20 +357,17 @@ def _unit_count(row: Sequence[str]) -> int:
     return sum(_unit_of(entry) is not None for entry in row)
 
 
-def _units_of(names: Sequence[str], below: Iterable[Sequence[str]]) -> dict[str, str]:
-    stated: dict[str, str] = {}
-    for row in below:
-        for name, entry in zip(names, row, strict=False):
-            if name and (unit := _unit_of(entry)) is not None:
-                stated.setdefault(name, unit)
-    return stated
+def _units_of(width: int, below: Iterable[Sequence[str]]) -> tuple[str | None, ...]:
+    """Unit of each column, the first that a row below the names states."""
+    stated = [[_unit_of(entry) for entry in row[:width]] for row in below]
+    return tuple(next((row[k] for row in stated if k < len(row) and row[k] is not None), None) for k in range(width))
 
 
-def _findings_below(names: Sequence[str], below: Sequence[Sequence[str]], stated: Mapping[str, str]) -> list[Finding]:
+def _findings_below(names: Sequence[str], below: Sequence[Sequence[str]], stated: Sequence[str | None]) -> list[Finding]:
     """A finding of the rows between names and numbers: which units they state, and what is left out."""
     if not below:
         return []
-    known = {name: stated[name] for name in names if name in stated}
+    known = {name or f"column {place}": unit for place, (name, unit) in enumerate(zip(names, stated, strict=True), 1) if unit}
     other = [entry for row in below for entry in row if entry and _unit_of(entry) is None]
     return [Finding("noted", message("recording.units_row", rows=len(below), units=known, other=other))]
 

@@ -46,7 +46,8 @@ def load(path: Path) -> Contents:
     other = [name for name, content in sheets.items() if content]
     if other:
         findings += (Finding("noted", message("recording.left_out", rows=len(table), names=other, count=len(other))),)
-    return Contents(table, {}, written.units, tuple(one for one in written.findings if "comma" not in one.message.code) + findings)
+    read = tuple(one for one in written.findings if "comma" not in one.message.code)
+    return Contents(table, {}, csv.units_of(written, path), read + findings)
 
 
 def _text(cell: Any) -> str:

@@ -63,7 +63,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect | None:
         decimal,
         tuple(names),
         at + 1,
-        stated,
+        tuple(map(stated.get, names)),
         tuple(lines[:at]),
         plain=False,
         findings=tuple(findings),

@@ -212,7 +212,7 @@ def _opened(path: Path, drop: Sequence[str]) -> _Opened:
         opened = _Opened(names, stored, {}, ())
     elif path.name.lower().endswith(csv.SUFFIXES) and path.suffix != ".gz":
         names, written = csv.names_and_dialect(path)
-        opened = _Opened(names, {}, written.units, written.findings)
+        opened = _Opened(names, {}, csv.units_of(written, path), written.findings)
     else:
         raise InputError(f"{path}: only .parquet and plain .csv files are read in pieces; write it as one of these")
     require_droppable(drop, opened.names, path.name)

@@ -46,6 +46,10 @@ def left_out(*, rows: int, names: Sequence[str], count: int) -> str:
     return f"the table has {rows} rows; not taken: {_listed(names)}{more}"
 
 
+def numbers_above_names(*, rows: int, first: str) -> str:
+    return f"{rows} row{'s' if rows > 1 else ''} of numbers above the line of names left out, the first {first!r}"
+
+
 def units_row(*, rows: int, units: Mapping[str, str], other: Sequence[str]) -> str:
     stated = ", ".join(f"{name} in {unit}" for name, unit in units.items())
     text = f"{rows} row{'s' if rows > 1 else ''} below the names hold{'' if rows > 1 else 's'} no numbers"
