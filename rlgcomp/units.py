@@ -15,9 +15,10 @@ HELIUM_NEON_WAVELENGTH_M
 
 from __future__ import annotations
 
+import functools
 import math
 import re
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -48,49 +49,40 @@ ANGLE_RANDOM_WALK_UNITS: Final = {
     "rad/sqrt(s)": RAD_PER_DEG / 60.0,
 }
 
+# Resistance of a platinum thermometer of 0 degC by IEC 60751: R/R0 = 1 + A t + B t^2, and + C (t - 100) t^3 below 0 degC.
+_PLATINUM_A, _PLATINUM_B, _PLATINUM_C = 3.9083e-3, -5.775e-7, -4.183e-12
+
+_TIMES: Final = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": SECONDS_PER_MINUTE, "h": SECONDS_PER_HOUR, "d": SECONDS_PER_DAY,
+    "week": 7.0 * SECONDS_PER_DAY,
+}  # fmt: skip
+_ANGLES: Final = {
+    "deg": 1.0, "rad": 1.0 / RAD_PER_DEG, "arcmin": 1.0 / 60.0, "arcsec": 1.0 / ARCSEC_PER_DEG, "rev": DEG_PER_TURN,
+    "mdeg": 1e-3, "mrad": 1e-3 / RAD_PER_DEG, "urad": 1e-6 / RAD_PER_DEG,
+    "nrad": 1e-9 / RAD_PER_DEG,
+}  # fmt: skip
+_RATES: Final = {
+    f"{angle}/{time}": degrees * (SECONDS_PER_HOUR / _TIMES[time])
+    for angle, degrees in _ANGLES.items()
+    for time in ("h", "s", "min")
+}
+_TIME, _RATE, _ANGLE, _TEMPERATURE = "time [s]", "angular rate [deg/h]", "angle [deg]", "temperature [degC]"
+_RESISTANCE, _PULSES = "resistance [Ohm]", "pulses"
 # One line a dimension: unit -> (factor, offset) with value_in_base = factor * value + offset.
 _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
-    "time [s]": {
-        "s": (1.0, 0.0),
-        "ms": (1e-3, 0.0),
-        "us": (1e-6, 0.0),
-        "ns": (1e-9, 0.0),
-        "min": (60.0, 0.0),
-        "h": (3600.0, 0.0),
-        "d": (SECONDS_PER_DAY, 0.0),
-        "week": (7.0 * SECONDS_PER_DAY, 0.0),
-    },
-    "angular rate [deg/h]": {
-        "deg/h": (1.0, 0.0),
-        "deg/s": (SECONDS_PER_HOUR, 0.0),
-        "deg/min": (SECONDS_PER_MINUTE, 0.0),
-        "arcsec/s": (SECONDS_PER_HOUR / ARCSEC_PER_DEG, 0.0),
-        "mdeg/s": (SECONDS_PER_HOUR * 1e-3, 0.0),
-        "mdeg/h": (1e-3, 0.0),
-        "rad/s": (SECONDS_PER_HOUR / RAD_PER_DEG, 0.0),
-        "mrad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-3, 0.0),
-        "urad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-6, 0.0),
-        "nrad/s": (SECONDS_PER_HOUR / RAD_PER_DEG * 1e-9, 0.0),
-        "rad/h": (1.0 / RAD_PER_DEG, 0.0),
-    },
-    "angle [deg]": {
-        "deg": (1.0, 0.0),
-        "rad": (1.0 / RAD_PER_DEG, 0.0),
-        "arcmin": (1.0 / 60.0, 0.0),
-        "arcsec": (1.0 / ARCSEC_PER_DEG, 0.0),
-        "rev": (360.0, 0.0),
-        "mdeg": (1e-3, 0.0),
-        "mrad": (1e-3 / RAD_PER_DEG, 0.0),
-        "urad": (1e-6 / RAD_PER_DEG, 0.0),
-    },
-    "temperature [degC]": {
+    _TIME: {unit: (factor, 0.0) for unit, factor in _TIMES.items()},
+    _RATE: {unit: (factor, 0.0) for unit, factor in _RATES.items()},
+    _ANGLE: {unit: (factor, 0.0) for unit, factor in _ANGLES.items()},
+    _TEMPERATURE: {
         "degC": (1.0, 0.0),
+        "mdegC": (1e-3, 0.0),
         "K": (1.0, -273.15),
         "mK": (1e-3, -273.15),
         "degF": (5.0 / 9.0, -160.0 / 9.0),
     },
     "voltage [V]": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0), "kV": (1e3, 0.0)},
     "current [mA]": {"mA": (1.0, 0.0), "A": (1e3, 0.0), "uA": (1e-3, 0.0), "nA": (1e-6, 0.0)},
+    _RESISTANCE: {"Ohm": (1.0, 0.0), "kOhm": (1e3, 0.0)},
     "magnetic field [uT]": {
         "uT": (1.0, 0.0),
         "nT": (1e-3, 0.0),
@@ -114,95 +106,47 @@ _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
         "ug": (STANDARD_GRAVITY_M_S2 * 1e-6, 0.0),
     },
     "velocity increment [m/s]": {"m/s": (1.0, 0.0), "mm/s": (1e-3, 0.0)},
-    "pulses": {"pulses": (1.0, 0.0), "counts": (1.0, 0.0)},
+    _PULSES: {"pulses": (1.0, 0.0), "counts": (1.0, 0.0)},
 }
-# Spellings met in the headers of laboratory files.
+_UNITS: Final = {unit: (dimension, form) for dimension, table in _DIMENSIONS.items() for unit, form in table.items()}
+# Spellings met in the headers of laboratory files; a ratio is made of two of them, and each may have a prefix.
 _SPELLINGS: Final[dict[str, str]] = {
-    "°/h": "deg/h",
-    "°/hr": "deg/h",
-    "°/hour": "deg/h",
-    "deg/hour": "deg/h",
-    "degrees/h": "deg/h",
-    "degrees/hour": "deg/h",
-    "deg/hr": "deg/h",
-    "dph": "deg/h",
-    "°/s": "deg/s",
-    "deg/sec": "deg/s",
-    "°/sec": "deg/s",
-    "degrees/s": "deg/s",
-    "degrees/second": "deg/s",
-    "dps": "deg/s",
-    "rad/sec": "rad/s",
-    "µrad/s": "urad/s",
-    "m°/s": "mdeg/s",
-    "m°/h": "mdeg/h",
-    "grad/h": "deg/h",
-    "grad/s": "deg/s",
-    "grad/min": "deg/min",
-    "°/min": "deg/min",
-    "″/s": "arcsec/s",
-    "sec": "s",
-    "secs": "s",
-    "second": "s",
-    "seconds": "s",
-    "sekunden": "s",
-    "millisecond": "ms",
-    "milliseconds": "ms",
-    "microseconds": "us",
-    "nanoseconds": "ns",
-    "msec": "ms",
-    "usec": "us",
-    "nsec": "ns",
-    "mins": "min",
-    "minute": "min",
-    "minutes": "min",
-    "minuten": "min",
-    "hr": "h",
-    "hour": "h",
-    "hrs": "h",
-    "hours": "h",
-    "std": "h",
-    "stunden": "h",
-    "day": "d",
-    "days": "d",
-    "tage": "d",
-    "weeks": "week",
-    "µs": "us",
-    "°": "deg",
-    "grad": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "radians": "rad",
-    "″": "arcsec",
-    "°C": "degC",
-    "C": "degC",
-    "celsius": "degC",
-    "deg c": "degC",
-    "° c": "degC",
-    "grad c": "degC",
-    "kelvin": "K",
-    "fahrenheit": "degF",
-    "°F": "degF",
-    "F": "degF",
-    "deg f": "degF",
-    "volt": "V",
-    "volts": "V",
-    "millivolt": "mV",
-    "millivolts": "mV",
-    "ampere": "A",
-    "amperes": "A",
-    "amps": "A",
-    "milliampere": "mA",
-    "µV": "uV",
-    "µA": "uA",
-    "µT": "uT",
-    "gauss": "G",
-    "m/s2": "m/s^2",
-    "m/s²": "m/s^2",
-    "µg": "ug",
-    "pulse": "pulses",
-    "count": "counts",
+    "s": "sec, secs, second, seconds, sekunde, sekunden, seconde, secondes",
+    "ms": "millis, tms",
+    "us": "micros, tus",
+    "ns": "nanos, tns",
+    "min": "mins, minute, minutes, minuten",
+    "h": "hr, hrs, hour, hours, std, stunde, stunden, heure, heures",
+    "d": "day, days, tag, tage",
+    "week": "weeks",
+    "deg": "°, º, degs, degree, degrees, grad",
+    "rad": "rads, radian, radians",
+    "arcsec": "″, arcsecs, arcsecond, arcseconds, asec, as",
+    "arcmin": "′, arcmins, arcminute, arcminutes",
+    "rev": "revs, revolution, revolutions, turn, turns",
+    "deg/s": "dps",
+    "deg/h": "dph",
+    "rev/min": "rpm",
+    "arcsec/s": '"/s',
+    "degC": "°C, ºC, ℃, C, celsius, deg c, ° c, grad c, gradc",
+    "K": "kelvin",
+    "degF": "°F, ºF, ℉, F, fahrenheit, deg f, ° f",
+    "V": "volt, volts",
+    "A": "ampere, amperes, amps",
+    "Ohm": "Ω, ohms",
+    "G": "gauss",
+    "m/s^2": "m/s2, m/s²",
+    "pulses": "pulse",
+    "counts": "count",
 }
+_PREFIXES: Final = {"milli": "m", "micro": "u", "nano": "n", "kilo": "k", "m": "m", "µ": "u", "u": "u", "n": "n", "k": "k"}
+_SMALL: Final = [unit.lower() for unit in _UNITS]
+_WORDS: Final = (  # G is gauss and g gravity, so that neither small letter stands for the other
+    {unit.lower(): unit for unit in _UNITS if _SMALL.count(unit.lower()) == 1}
+    | {unit: unit for unit in _UNITS}
+    | {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split(", ")}
+    | {spelling.lower(): unit for unit, text in _SPELLINGS.items() for spelling in text.split(", ") if len(spelling) > 1}
+)
 # A column's unit is the end of its name; the longest ending wins (`_m_s2` before `_s`).
 _SUFFIXES: Final[dict[str, str]] = {
     "_deg_h": "deg/h",
@@ -218,7 +162,7 @@ _SUFFIXES: Final[dict[str, str]] = {
     "_hPa": "hPa",
     "_V": "V",
     "_s": "s",
-    **{f"_{unit.replace('/', '_')}": unit for unit in _DIMENSIONS["angular rate [deg/h]"]},
+    **{f"_{unit.replace('/', '_')}": unit for unit in _RATES},
 }
 # Words before `_s` with which it stands for "per second" of a unit that is not known, not for seconds.
 _PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
@@ -229,20 +173,17 @@ _SPOKEN: Final = re.compile(  # at the end of a column's name
     r"(?:_(?P<per>s|min|h|m|K|V|Hz|degC))?(?P<power>[23])?"
     r"$"
 )
+_PLATINUM: Final = re.compile(r"(?P<unit>.*\S)\s+pt(?P<ohm>100|200|500|1000)", re.IGNORECASE)
+_OVER: Final = re.compile(r"\s*/\s*|[\s_]*per[\s_]*|p", re.IGNORECASE)
 _LONGEST_UNIT: Final = 40  # letters
 # What stands between a name and its unit where no brackets do. Behind the first it is nothing else (DIN 1313: quantity / unit);
-# behind the others a single letter may as well be a label: anode A, thermometer C.
-_TO_ITS_UNIT: Final = re.compile(r"(?P<certain>\s*/\s*|\s+in\s+|\s*,\s+)|[\s_-]+")
+# behind others a single letter may as well be a label: anode A, thermometer C.
+_CERTAIN: Final = re.compile(r"\s*/\s*|\s+in\s+|\s*,\s+")
+_BEGINS: Final = re.compile(r"(?:(?<![^\W\d_°µμ])|(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]))(?=[^\W\d_]|[°″])")
+_ENDS: Final = re.compile(r"(?=[\W\d_]|$)|(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\d)(?!\w)")
+_BEGINNING: Final = re.compile(r"of[\W_]*(?:day|week|month|year|hour|minute)", re.IGNORECASE)  # from which a time counts
 _LONGEST_ENDING: Final = 8  # letters of what may be a unit that is not known
-_IN_SMALL_LETTERS: Final = {
-    small: known[0]
-    for small, known in {
-        unit.lower(): [other for table in _DIMENSIONS.values() for other in table if other.lower() == unit.lower()]
-        for table in _DIMENSIONS.values()
-        for unit in table
-    }.items()
-    if len(known) == 1  # G is gauss and g gravity, so that neither stands for the other
-}
+_OTHER_WORDS: Final = ("bar", "rev", "revs", "turn", "as", "mg")  # in names: a mean, a revision, ...
 _RAISED: Final = dict(zip("23456789", "²³⁴⁵⁶⁷⁸⁹", strict=True))
 
 
@@ -321,25 +262,29 @@ def header_unit(header: str) -> tuple[str, str | None]:
     return (name or inside[:opening].rstrip(), unit) if unit else (header, None)
 
 
-class Ending(NamedTuple):
-    """Unit at the end of a name without brackets.
+class Named(NamedTuple):
+    """Unit that a name without brackets states.
 
     Parameters
     ----------
     name : str
-        What stands before it.
+        What stands before it, or behind it.
     unit : str
-    known : bool
-        It is a unit of the expected kind, and can be nothing else.
+    kind : {"expected", "unclear", "other"}
+        A unit of the expected kind; what may be a unit or a label; a unit of another kind.
     """
 
     name: str
     unit: str
-    known: bool
+    kind: Literal["expected", "unclear", "other"]
 
 
-def ending_unit(header: str, expected: str) -> Ending | None:
-    """The unit that a name ends in behind a slash, a comma, a blank, an underscore or `in`; None where it ends in none.
+@functools.lru_cache(1024)
+def unit_in_name(header: str, expected: str) -> Named | None:
+    """The unit that a name states, wherever in it; None where it states none.
+
+    Words begin and end at signs, underscores and changes from small to capital letters. The longest that are a unit count, those
+    of the expected kind first, and of them the last.
 
     Parameters
     ----------
@@ -347,24 +292,67 @@ def ending_unit(header: str, expected: str) -> Ending | None:
     expected : str
         A unit of the kind that is expected: elsewhere T may be a tesla and min a minimum.
 
-    >>> ending_unit("Vcc/mV", "V"), ending_unit("t in min", "s")
-    (Ending(name='Vcc', unit='mV', known=True), Ending(name='t', unit='min', known=True))
-    >>> ending_unit("rate_deg_s", "deg/h"), ending_unit("anode_A", "mA"), ending_unit("T_min", "degC")
-    (Ending(name='rate', unit='deg/s', known=True), Ending(name='anode', unit='A', known=False), None)
+    >>> unit_in_name("Vcc/mV", "V"), unit_in_name("gyroZ_degPerSec", "deg/h")
+    (Named(name='Vcc', unit='mV', kind='expected'), Named(name='gyroZ', unit='deg/s', kind='expected'))
+    >>> unit_in_name("anode_A", "mA"), unit_in_name("T_min", "degC"), unit_in_name("angle_rad", "deg/h")
+    (Named(name='anode', unit='A', kind='unclear'), None, Named(name='angle', unit='rad', kind='other'))
     """
-    kind = _find(expected)[0]
-    between = [found for found in _TO_ITS_UNIT.finditer(header) if found.start() > 0]
-    for found in between:
-        written = header[found.end() :].strip()
-        for unit in (written, re.sub(r"[\s_]+per[\s_]+|_", "/", written)):
-            if unit and is_unit(unit) and _find(unit)[0] == kind:
-                letter = len(unit) == 1 and not found["certain"] and unit.isalpha() and kind != _find("s")[0]
-                return Ending(header[: found.start()], unit, known=not letter)
-    certain = [found for found in between if found["certain"]]
-    written = header[certain[-1].end() :].strip() if certain else ""
+    text = _BEGINNING.sub(lambda found: " " * len(found[0]), header).rstrip(" _")
+    certain = [found for found in _CERTAIN.finditer(text) if found.start() > 0]
+    begins, ends = ([found.start() for found in edge.finditer(text)] for edge in (_BEGINS, _ENDS))
+    found: list[tuple[int, int, str]] = []
+    for first in begins:
+        last = next((last for last in reversed(ends) if last > first and _written_unit(text[first:last])), None)
+        if last is not None and not any(last <= other for _, other, _ in found):  # inside a longer one
+            found.append((first, last, _written_unit(text[first:last]) or ""))
+    named = []
+    for first, last, unit in found:
+        sure = any(sign.end() == first for sign in certain) and last == len(text)
+        kind = _kind_in_name(unit, expected, sure=sure, apart=first == 0 or not text[first - 1].isalpha(), at_end=last == len(text))
+        if kind is not None:
+            before = next((text[: sign.start()] for sign in certain if sign.end() == first), text[:first].rstrip(" _-({[<"))
+            named.append(Named(before or text[last:].lstrip(" _-"), unit if kind == "unclear" else plain_spelling(unit), kind))
+    for wanted in ("expected", "other", "unclear"):
+        for one in reversed(named):
+            if one.kind == wanted:
+                return one
+    written = text[certain[-1].end() :].strip() if certain else ""
     if written and len(written) <= _LONGEST_ENDING and not re.search(r"[\d_]", written):
-        return Ending(header[: certain[-1].start()], written, known=False)
+        return Named(text[: certain[-1].start()], written, "unclear")
     return None
+
+
+def _written_unit(text: str) -> str | None:
+    """The unit that a part of a name is, where underscores may stand for a ratio; None where it is none."""
+    return next((unit for unit in (text, re.sub(r"[\s_.]+per[\s_.]+|[_.]", "/", text)) if is_unit(unit)), None)
+
+
+def _kind_in_name(
+    unit: str, expected: str, *, sure: bool, apart: bool, at_end: bool
+) -> Literal["expected", "unclear", "other"] | None:
+    """What a unit in a name is taken for; None where it is none, but a word or a label.
+
+    Parameters
+    ----------
+    unit, expected : str
+    sure : bool
+        It stands behind a sign that only units stand behind.
+    apart : bool
+        A sign, not a capital letter, separates it from what stands before it.
+    at_end : bool
+    """
+    dimension, wanted = _find(unit)[0], _find(expected)[0]
+    letter = len(unit) == 1 and unit.isalpha() and not sure
+    if letter and not at_end:
+        return None
+    if dimension == wanted:
+        return "unclear" if letter and not (apart and unit in "sVhd") else "expected"
+    if dimension == _ANGLE and wanted == _TEMPERATURE:  # degrees
+        return "unclear"
+    another_word = unit.lower() in _OTHER_WORDS or (len(unit) <= 2 and unit not in _UNITS)
+    if dimension == _TIME or (not sure and (another_word or (letter and not (apart and unit == "V")))):
+        return None
+    return "other"
 
 
 def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.float64]:
@@ -375,7 +363,8 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
     values : array_like of float
     source, target : str
         Units such as "rad/s" and "deg/h"; common spellings ("°/h", "dps", "°C") are understood. "-deg/s" is deg/s of an instrument
-        whose sense is reversed.
+        whose sense is reversed, and "Ohm Pt100" the resistance of a platinum thermometer of 100 Ohm at 0 degC, which becomes a
+        temperature by IEC 60751, and NaN outside of -200 to 850 degC.
 
     Raises
     ------
@@ -385,8 +374,11 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
     >>> round(float(convert(7.292115e-5, "rad/s", "deg/h")), 6)
     15.041067
     """
-    dimension_from, (factor_from, offset_from) = _find(source)
     dimension_to, (factor_to, offset_to) = _find(target)
+    platinum = _PLATINUM.fullmatch(source.strip())
+    if platinum is not None and dimension_to == _TEMPERATURE:
+        return convert(_platinum_degC(convert(values, platinum["unit"], "Ohm") / float(platinum["ohm"])), "degC", target)
+    dimension_from, (factor_from, offset_from) = _find(source)
     if dimension_from != dimension_to:
         raise InputError(
             f"cannot convert {source!r} to {target!r}: the first is {dimension_from}, the second {dimension_to}; "
@@ -398,26 +390,80 @@ def convert(values: npt.ArrayLike, source: str, target: str) -> npt.NDArray[np.f
     return (factor_from * array + offset_from - offset_to) / factor_to
 
 
+def _platinum_degC(ratio: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Temperature of a platinum thermometer of a ratio R/R0."""
+    ratio = np.where((ratio > 0.185) & (ratio < 3.905), ratio, np.nan)  # -200 to 850 degC
+    t = (np.sqrt(_PLATINUM_A**2 - 4.0 * _PLATINUM_B * (1.0 - ratio)) - _PLATINUM_A) / (2.0 * _PLATINUM_B)
+    for _ in range(4):  # Newton's steps, of which the term of temperatures below zero needs three
+        below = _PLATINUM_C * np.minimum(t, 0.0) ** 2
+        excess = 1.0 + _PLATINUM_A * t + _PLATINUM_B * t**2 + below * (t - 100.0) * t - ratio
+        t = t - excess / (_PLATINUM_A + 2.0 * _PLATINUM_B * t + below * (4.0 * t - 300.0))
+    return t
+
+
+def same_kind(unit: str, other: str) -> bool:
+    """Whether two units can be converted into each other."""
+    return dimension_of(unit) == dimension_of(other)
+
+
+def dimension_of(unit: str) -> str:
+    """The quantity of a unit, for messages.
+
+    Raises
+    ------
+    InputError
+        It is unknown.
+
+    >>> dimension_of("kOhm"), dimension_of("Ohm Pt100")
+    ('resistance [Ohm]', 'temperature [degC]')
+    """
+    return _TEMPERATURE if _PLATINUM.fullmatch(unit.strip()) and is_unit(unit) else _find(unit)[0]
+
+
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that can be converted.
 
-    >>> is_unit("°C"), is_unit("rad s^-1"), is_unit("DEG/H"), is_unit("counter")
-    (True, True, True, False)
+    >>> is_unit("°C"), is_unit("rad s^-1"), is_unit("DEG/H"), is_unit("Ohm Pt100"), is_unit("counter")
+    (True, True, True, True, False)
     """
-    name = _plain_spelling(text.strip().removeprefix("-"))
-    return any(name in table for table in _DIMENSIONS.values())
+    platinum = _PLATINUM.fullmatch(text.strip())
+    if platinum is not None:
+        return plain_spelling(platinum["unit"]) in _DIMENSIONS[_RESISTANCE]
+    return plain_spelling(text.strip().removeprefix("-")) in _UNITS
 
 
-def _plain_spelling(unit: str) -> str:
-    """The package's spelling of a unit: `rad s^-1` is `rad/s`, and `Deg C` is `degC`."""
-    unit = unit.strip()[:_LONGEST_UNIT].replace("\u03bc", "\u00b5")  # the Greek mu and the micro sign
+@functools.lru_cache(4096)
+def plain_spelling(unit: str) -> str:
+    """The package's spelling of a unit, and what is none as it is.
+
+    >>> plain_spelling("rad s^-1"), plain_spelling("Deg C"), plain_spelling("degPerSec"), plain_spelling("mdps")
+    ('rad/s', 'degC', 'deg/s', 'mdeg/s')
+    """
+    unit = unit.strip()[:_LONGEST_UNIT].replace("\u03bc", "\u00b5").replace("\u2126", "\u03a9")  # micro and ohm signs
     inverse = _INVERSE.fullmatch(unit)
     if inverse is not None:
         power = inverse["power"].translate(str.maketrans("¹²³", "123"))
         unit = f"{inverse['base']}/{inverse['per']}{'' if power == '1' else '^' + power}"
-    if any(unit in table for table in _DIMENSIONS.values()):
-        return unit
-    return _SPELLINGS.get(unit, _SPELLINGS.get(unit.lower(), _IN_SMALL_LETTERS.get(unit.lower(), unit)))
+    if (known := _word(unit)) is not None:
+        return known
+    for over in _OVER.finditer(unit):
+        ratio = f"{_word(unit[: over.start()])}/{_word(unit[over.end() :])}"
+        if ratio in _UNITS:
+            return ratio
+    return unit
+
+
+def _word(text: str) -> str | None:
+    """The unit of a word or sign, which may have a prefix."""
+    text = re.sub(r"[\s_]+", " ", text)
+    if (known := _WORDS.get(text) or _WORDS.get(text.lower())) is not None:
+        return known
+    for prefix, short in _PREFIXES.items():
+        rest = text[len(prefix) :]
+        unit = _WORDS.get(rest) or _WORDS.get(rest.lower())
+        if text.lower().startswith(prefix) and f"{short}{unit}" in _UNITS:
+            return f"{short}{unit}"
+    return None
 
 
 def _find(unit: str) -> tuple[str, tuple[float, float]]:
@@ -427,16 +473,15 @@ def _find(unit: str) -> tuple[str, tuple[float, float]]:
         if any(zero for _, zero in _DIMENSIONS[dimension].values()):
             raise InputError(f"unit {unit!r}: a {dimension} has no sense that could be reversed; leave the minus sign out")
         return dimension, (-factor, offset)
-    name = _plain_spelling(unit)
-    for dimension, table in _DIMENSIONS.items():
-        if name in table:
-            return dimension, table[name]
-    raise InputError(f"unknown unit {unit!r}; known units are: {known()}")
+    name = plain_spelling(unit)
+    if name not in _UNITS:
+        raise InputError(f"unknown unit {unit!r}; known units are: {known()}")
+    return _UNITS[name]
 
 
 def known() -> str:
     """All units, for messages."""
-    return ", ".join(unit for table in _DIMENSIONS.values() for unit in table)
+    return ", ".join(_UNITS)
 
 
 def arw_rate_sd_deg_h(angle_random_walk_deg_sqrt_h: float, averaging_s: float) -> float:

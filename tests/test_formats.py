@@ -21,6 +21,8 @@ import rlgcomp as rlg
 from rlgcomp.files import to_json
 from rlgcomp.recording.formats import FORMATS, parquet
 from rlgcomp.recording.formats.pieces import gyros_of, read_pieces
+from rlgcomp.units import column_unit, convert, unit_in_name
+from tests.cases import by_code
 
 SUFFIXES = [suffix for form in FORMATS for suffix in form.SUFFIXES]
 
@@ -499,6 +501,114 @@ def test_units_at_the_end_of_a_name_convert(target: str, source: str, factor: fl
     assert [one.message.code for one in run.findings if one.message.code.startswith("recording.unit_")] == ([code] if code else [])
 
 
+SPELLINGS = {
+    "deg/h": ["dph", "deg_h", "deg_per_h", "degPerHour", "degph", "DEG_HR"],
+    "deg/s": ["dps", "deg_s", "deg_per_s", "deg_per_sec", "degPerSec", "degps", "DPS", "deg/s", "deg s^-1", "Grad/s"],
+    "mdeg/s": ["mdps", "mdeg_s", "millideg/s"],
+    "rad/s": ["rad_s", "radps", "rad_per_sec", "rad_sec", "RadPerSec", "RAD_S", "radians_per_second"],
+    "mrad/s": ["mrad_s", "mrad_per_s"],
+    "urad/s": ["urad_s", "µrad/s"],
+    "arcsec/s": ["arcsec_s", "arcsec_per_sec", "as/s"],
+    "rev/min": ["rpm", "rev_per_min", "RPM"],
+}
+FRAMES = ["{}", "gyro_z_{}", "wz {}", "wz, {}", "wz / {}", "wz in {}", "{}_z", "rate_{}_z", "wz ({}) raw", "gyro.z.{}", "wz_{}_"]
+
+
+@settings(max_examples=150)
+@given(st.sampled_from([(unit, one) for unit, every in SPELLINGS.items() for one in every]), st.sampled_from(FRAMES))
+def test_a_unit_in_a_name_reads_as_in_brackets(unit: tuple[str, str], frame: str) -> None:
+    name = frame.format(unit[1])
+    values = np.random.default_rng(1).normal(size=200)
+    table = pd.DataFrame({"time_s": np.arange(200.0), name: values})
+    stated = rlg.recording(table, columns={"gyro_deg_h": f"{name} [{unit[0]}]"})
+    run = rlg.recording(table, columns={"gyro_deg_h": name})
+    assert run.rate_deg_h() == pytest.approx(stated.rate_deg_h(), rel=1e-12)
+    assert ("unit_of_name" in by_code(run.findings)) == (unit[0] not in ("deg/h", "arcsec/s"))
+
+
+@given(st.text("degrdpsmhcu_ /.PSRD°0", max_size=9), st.sampled_from([("gyro_deg_h", "deg/h"), ("temperature_block_degC", "degC")]))
+def test_any_name_without_brackets_is_converted_refused_or_questioned(name: str, target: tuple[str, str]) -> None:
+    """Only a name that states the target's own unit passes without a word."""
+    name = f"q{name}"
+    values = 20.0 + np.random.default_rng(1).normal(size=200)
+    table = pd.DataFrame({"time_s": np.arange(200.0), "gyro_x_deg_h": values - 20.0, name: values})
+    try:
+        run = rlg.recording(table, columns={target[0]: name})
+    except rlg.InputError as error:
+        assert name in str(error)  # noqa: PT017
+        return
+    named = unit_in_name(name, target[1])
+    same = (
+        named is not None
+        and named.kind == "expected"
+        and np.allclose(convert([0.0, 1.0], named.unit, target[1]), [0.0, 1.0], atol=0.0, rtol=1e-12)
+    )
+    assert same or by_code(run.findings).keys() & {"unit_of_name", "unit_not_stated", "unit_not_understood"}
+
+
+@pytest.mark.parametrize(
+    ("target", "source"),
+    [
+        ("gyro_deg_h", "gz"),
+        ("gyro_deg_h", "X_GYRO_OUT"),
+        ("gyro_deg_h", "GyroZ_rps"),
+        ("time_s", "counter"),
+        ("temperature_block_degC", "T_block"),
+        ("temperature_block_degC", "T_min"),
+    ],
+)
+def test_a_name_without_a_unit_is_taken_in_the_target_s_and_that_is_said(target: str, source: str) -> None:
+    random = np.random.default_rng(1)
+    columns = {
+        "time_s": 5.0 * np.arange(200.0),
+        "gyro_deg_h": random.normal(size=200),
+        "temperature_block_degC": 20 + np.arange(200.0),
+    }
+    table = pd.DataFrame(columns).rename(columns={target: source})
+    run = rlg.recording(table, columns={target: source})
+    assert run.column(target) == pytest.approx(columns[target])
+    (said,) = [finding for finding in run.findings if finding.message.code == "recording.unit_not_stated"]
+    assert (said.column, said.message.data["source"]) == (target, source)
+    for stated in (
+        rlg.recording(pd.DataFrame(columns)),
+        rlg.recording(table, columns={target: f"{source} [{column_unit(target)}]"}),
+    ):
+        assert "unit_not_stated" not in by_code(stated.findings)
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "advice"),
+    [
+        ("gyro_deg_h", "angle_deg", r"'angle_deg \[100 deg/s\]'"),
+        ("gyro_deg_h", "dtheta_x_urad", r"'dtheta_x_urad \[100 urad/s\]'"),
+        ("gyro_deg_h", "dtheta_z [rad]", r"'dtheta_z \[rad\] \[100 rad/s\]'"),
+        ("gyro_deg_h", "gyro_counts", "the deg/h that 1 counts stands for"),
+        ("temperature_block_degC", "thermistor_V", "the degC that 1 V stands for"),
+        ("temperature_block_degC", "Pt100_ohm", r"'Pt100_ohm \[Ohm Pt100\]'"),
+        ("temperature_block_degC", "R [kOhm]", r"'R \[kOhm\] \[kOhm Pt1000\]'|'R \[kOhm\] \[kOhm Pt100\]'"),
+        ("time_s", "rate_deg_s", "the s that 1 deg/s stands for"),
+    ],
+)
+def test_a_unit_of_another_kind_is_refused_with_what_helps(target: str, source: str, advice: str) -> None:
+    columns = {"time_s": np.arange(200.0), "gyro_deg_h": np.random.default_rng(1).normal(size=200), "temperature_block_degC": 20.0}
+    table = pd.DataFrame(columns).rename(columns={target: source})
+    with pytest.raises(rlg.InputError, match=f"cannot convert.*{advice}"):
+        rlg.recording(table, columns={target: source})
+
+
+def test_what_a_refusal_proposes_works() -> None:
+    """Increments per sample become a rate, and a platinum thermometer's resistance a temperature."""
+    block, gyro = 20.0 + 0.01 * np.arange(200.0), np.random.default_rng(1).normal(size=200)
+    ohm = 100.0 * (1.0 + 3.9083e-3 * block - 5.775e-7 * block**2)
+    rad = np.deg2rad(gyro / 3600.0) / 100.0
+    table = pd.DataFrame({"time_s": 0.01 * np.arange(200.0), "dtheta_z [rad]": rad, "Pt100_1 [Ohm]": ohm})
+    run = rlg.recording(
+        table, columns={"gyro_deg_h": "dtheta_z [rad] [100 rad/s]", "temperature_block_degC": "Pt100_1 [Ohm] [Ohm Pt100]"}
+    )
+    assert run.rate_deg_h() == pytest.approx(gyro)
+    assert run.column("temperature_block_degC") == pytest.approx(block)
+
+
 def test_group_names_and_dates_have_no_unit_at_the_end() -> None:
     """`imu/A` beside `imu/B` is a channel of a group; a column of dates named `t_min` stays one of dates."""
     random = np.random.default_rng(1)
@@ -516,7 +626,7 @@ def test_group_names_and_dates_have_no_unit_at_the_end() -> None:
     [
         ("ts", "2026-03-05T08:00:00Z", "time_s=ts"),
         ("wann", "05.03.2026 08:00:00", "time_s=wann"),
-        ("t in min", "0.5", "time_s='t in min'"),
+        ("t in min", "0.5", r"time_s='t in min \[min\]'"),
     ],
 )
 def test_the_time_is_what_holds_dates_and_never_the_temperature(name: str, first: str, advice: str) -> None:

@@ -1,10 +1,10 @@
 """A laboratory's own column names and units, mapped once onto the contract's.
 
-A source names a column of the file: by its name, or by its place counted from 1. Where the name ends in a unit, as `Vcc/mV`, it is
-read in that. Behind it may stand its unit, with a factor where
-the column counts steps of that unit, and an offset in it: `Gyro Z [deg/s]`, `gz [0.00122 rad/s]`, `T [0.1 degC] - 40`. A time may
-be the sum of columns: `date + time`, `sec + nanosec [ns]`, `gps_week + tow [s]`. In place of its unit may stand how dates are
-written or counted: `[dd/mm/yyyy]`, `[excel]`, `[mjd]`.
+A source names a column of the file: by its name, or by its place counted from 1. Where the name states a unit, as `Vcc/mV` or
+`wz_dps`, it is read in that. Behind it may stand its unit, with a factor where the column counts steps of that unit, and an offset
+in it: `Gyro Z [deg/s]`, `gz [0.00122 rad/s]`, `T [0.1 degC] - 40`, `R [Ohm Pt100]`. A time may be the sum of columns:
+`date + time`, `sec + nanosec [ns]`, `gps_week + tow [s]`. In place of its unit may stand how dates are written or counted:
+`[dd/mm/yyyy]`, `[excel]`, `[mjd]`.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def apply_mapping(
 ) -> tuple[pd.DataFrame, frozenset[str], tuple[Finding, ...]]:
     """Rename and convert columns.
 
-    Without a unit, in the source, in the file or at the end of the name, a source is taken to be in the target's. Entries that are
-    no numbers stay as they are, for :mod:`rlgcomp.recording.repair` to report.
+    Without a unit, in the source, in the file or in the name, a source is taken to be in the target's, which is said. Entries that
+    are no numbers stay as they are, for :mod:`rlgcomp.recording.repair` to report.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def apply_mapping(
     stated_units : frozenset of str
         Targets whose unit was stated.
     findings : tuple of Finding
-        Units that were taken from the end of a name, and endings that may be units and were not.
+        Units that were taken from a name, and columns whose name states none, or one that is not understood.
 
     Raises
     ------
@@ -124,20 +124,51 @@ def apply_mapping(
 
 
 def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target: str, findings: list[Finding]) -> Source:
-    """A source whose unit nobody stated, in the unit that its name ends in."""
-    ending = units.ending_unit(source.column, wanted) if wanted is not None else None
-    if ending is None or wanted is None or _same_unit(ending.unit, wanted) or not _holds_numbers(table[source.column]):
+    """A source whose unit nobody stated, in the unit that its name states; a finding where it states another than the target's.
+
+    Raises
+    ------
+    InputError
+        The unit is of another kind than the target's.
+    """
+    if wanted is None or source.column == target or not _holds_numbers(table[source.column]):
         return source
-    group = source.column.removesuffix(ending.unit)  # of a container, where others lie in it
-    if group.endswith("/") and any(column != source.column and str(column).startswith(group) for column in table.columns):
+    group = source.column.rpartition("/")[0]  # of a container, where others lie in it
+    inside = any(column != source.column and str(column).startswith(f"{group}/") for column in table.columns) if group else False
+    named = units.unit_in_name(source.column.removeprefix(f"{group}/") if inside else source.column, wanted)
+    about = {"source": source.column, "wanted": wanted}
+    if named is None:
+        if units.plain_spelling(wanted) != "pulses":
+            findings.append(Finding("noted", message("recording.unit_not_stated", **about), target))
         return source
-    if not ending.known:
-        about = message("recording.unit_not_understood", source=source.column, unit=ending.unit, wanted=wanted)
-        findings.append(Finding("noted", about, target))
+    if named.kind == "other":
+        raise InputError(_other_kind(source.column, named.unit, wanted, target))
+    if _same_unit(named.unit, wanted):
         return source
-    about = message("recording.unit_of_name", source=source.column, unit=ending.unit, wanted=wanted)
-    findings.append(Finding("noted", about, target))
-    return source._replace(unit=ending.unit)
+    about["unit"] = named.unit
+    if named.kind == "unclear":
+        findings.append(Finding("noted", message("recording.unit_not_understood", **about), target))
+        return source
+    findings.append(Finding("noted", message("recording.unit_of_name", **about), target))
+    return source._replace(unit=named.unit)
+
+
+def _other_kind(column: str, unit: str, wanted: str, target: str) -> str:
+    """What to do with a column whose unit is of another kind than its target's."""
+    kind, other = units.dimension_of(unit), units.dimension_of(wanted)
+    if kind == "resistance [Ohm]" and other == "temperature [degC]":
+        how = f"a platinum thermometer's is read by '{column} [{unit} Pt100]' or '{column} [{unit} Pt1000]' (IEC 60751)"
+    elif kind == "angle [deg]" and other == "angular rate [deg/h]":
+        how = (
+            f"where a row holds the angle turned since the row before, state it times the sample rate, of 100 samples a second as "
+            f"'{column} [100 {unit}/s]'; where the angle runs on, write the differences of its rows"
+        )
+    else:
+        how = f"where it is proportional to that, state the {wanted} that 1 {unit} stands for, as '{column} [0.5 {wanted}] - 40'"
+    return (
+        f"{target}: cannot convert {unit}, the unit of the column {column!r}, to {wanted}: the first is {kind}, the second "
+        f"{other}; {how}; where the unit is wrong, state the right one: --map {target}='{column} [{wanted}]'"
+    )
 
 
 def _holds_numbers(values: pd.Series) -> bool:
@@ -158,6 +189,8 @@ def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> p
             f"{target}: unknown unit {source.unit!r} of the column {source.column!r}; state the right one behind its name, as in "
             f"--map {target}='{source.column} [{wanted}]'; known units are: {units.known()}"
         )
+    if source.unit is not None and not units.same_kind(source.unit.removeprefix("-"), wanted):
+        raise InputError(_other_kind(source.column, source.unit, wanted, target))
     read = pd.to_numeric(values, errors="coerce")
     scaled = source.factor * read.to_numpy(dtype=np.float64, na_value=np.nan) + source.offset
     result = pd.Series(units.convert(scaled, source.unit or wanted, wanted), index=values.index)

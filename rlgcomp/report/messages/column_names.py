@@ -10,10 +10,7 @@ import shlex
 from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
-
-from rlgcomp.errors import InputError
-from rlgcomp.units import convert, ending_unit, header_unit
+from rlgcomp.units import header_unit, is_unit, same_kind, unit_in_name
 
 _TIME: Final = re.compile(
     r"(mess|abtast|system|log|utc|local)?\W?(time|zeit|uhrzeit|zeitstempel|temps|heure|horodatage|tiempo|hora|tempo|ora|orario|czas|tid|"
@@ -43,44 +40,48 @@ def suggested_time(columns: Sequence[str], dated: Sequence[str] = ()) -> str:
         return _option("time_s", dated[0])
     if dates and times:
         return _option("time_s", f"{dates[0]} + {times[0]}")
-    return _option("time_s", (times or dates)[0]) if times or dates else ""
+    return _option("time_s", _with_unit((times or dates)[0], "s")) if times or dates else ""
 
 
 def suggested_gyro(columns: Sequence[str]) -> str:
     """The option that maps a gyro; empty where no name or unit looks like one.
 
+    The unit that a name states is written behind it; UNIT stands where it states none.
+
     >>> suggested_gyro(["Zeit", "Kreisel [°/h]"]), suggested_gyro(["Zeit", "Impulse"]), suggested_gyro(["a", "b [V]"])
     ("--map gyro_deg_h='Kreisel [°/h]'", '--map gyro_pulses=Impulse --pulse-arcsec SIZE', '')
+    >>> suggested_gyro(["t", "gyro_z_dps"]), suggested_gyro(["t", "X_GYRO_OUT"])
+    ("--map gyro_deg_h='gyro_z_dps [deg/s]'", "--map gyro_deg_h='X_GYRO_OUT [UNIT]'")
     """
-    rates = [column for column in columns if _is_of(header_unit(column)[1] or _unit_at_end(column, "deg/h"), "deg/h")]
+    rates = [column for column in columns if _unit_of(column, "deg/h")]
     named = [column for column in columns if _GYRO.search(column)]
     counted = [column for column in columns if _PULSES.search(column)]
     chosen = next((column for column in named if column in rates), (rates or named or counted or [""])[0])
     if chosen in counted:
         return f"{_option('gyro_pulses', chosen)} --pulse-arcsec SIZE"
-    return _option("gyro_deg_h", chosen) if chosen else ""
+    return _option("gyro_deg_h", _with_unit(chosen, "deg/h", "UNIT")) if chosen else ""
 
 
 def _quantity(column: str) -> str:
     """A name without its unit."""
     name, unit = header_unit(column)
-    ending = ending_unit(column, "s") if unit is None else None
-    return ending.name if ending is not None and ending.known else name.strip()
+    named = unit_in_name(column, "s") if unit is None else None
+    return named.name or column if named is not None and named.kind == "expected" else name.strip()
 
 
-def _unit_at_end(column: str, expected: str) -> str | None:
-    ending = ending_unit(column, expected)
-    return ending.unit if ending is not None and ending.known else None
+def _unit_of(column: str, expected: str) -> str | None:
+    """The unit of a kind that a name states, in brackets or without."""
+    unit = header_unit(column)[1]
+    if unit is not None:
+        return unit if is_unit(unit) and same_kind(unit, expected) else None
+    named = unit_in_name(column, expected)
+    return named.unit if named is not None and named.kind == "expected" else None
 
 
-def _is_of(unit: str | None, dimension: str) -> bool:
-    if unit is None:
-        return False
-    try:
-        convert(np.zeros(1), unit, dimension)
-    except InputError:
-        return False
-    return True
+def _with_unit(column: str, expected: str, unknown: str = "") -> str:
+    """A name with its unit in brackets, or with a text in the place of one that is not known."""
+    unit = _unit_of(column, expected) or unknown
+    return column if not unit or unit == header_unit(column)[1] else f"{column} [{unit}]"
 
 
 def _option(standard: str, column: str) -> str:

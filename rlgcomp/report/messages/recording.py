@@ -244,12 +244,13 @@ TEXTS: Final = {
     ),
     # units
     "unit_of_name": (
-        "read in {unit}, in which its name {source!r} ends; if it is in another, state that, as in '{source} [{wanted}]'"
+        "read in {unit}, which its name {source!r} states; if it is in another, state that, as in '{source} [{wanted}]'"
     ),
     "unit_not_understood": (
         "its name {source!r} ends in {unit!r}, which may be a unit: taken as {wanted}; state which it is, as in "
         "'{source} [{wanted}]'"
     ),
+    "unit_not_stated": "{source!r} states no unit that is known: taken as {wanted}; if it is in another, write '{source} [UNIT]'",
     "kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{source} [K]'",
     "mean_above_earth_rate": "the mean is {mean_deg_h:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map",
     "error_values": "{values} values are {written}, which loggers write for no reading: they count as missing",
