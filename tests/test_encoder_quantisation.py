@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.recording.encoder_quantisation import Unrounded, step_deg, without_quantisation
 from rlgcomp.recording.motion import angle_deg, rate_deg_s
@@ -115,7 +116,7 @@ def test_round_rates_are_no_encoder_of_large_steps(rates: tuple[float, ...], sam
 def test_a_healthy_gyro_beside_a_rounded_encoder_is_acquitted(rates: tuple[float, ...], hold_s: int) -> None:
     programmes = [rates, rates[::-1], tuple(-rate for rate in rates)]
     runs = [turned(programme, hold_s, seed) for seed, programme in enumerate(programmes)]
-    found = diagnose(SIMULATOR, runs[:2], runs[2:], black_box=False)
+    found = diagnose(SIMULATOR, runs[:2], runs[2:], window_s=1.5 * Grid.of(runs).window_s, black_box=False)
     assert found.verdict == "none"
     assert found.p_value > 0.01
 

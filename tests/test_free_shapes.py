@@ -11,6 +11,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.baseline import Baseline, Less
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
+from tests.few_monitors import few_monitors
 
 LAG_S = 900.0
 PROGRAMMES = (
@@ -66,7 +67,7 @@ def test_a_time_constant_is_right_beside_the_hop_that_bends_it_alone() -> None:
 
 def test_a_hop_beside_a_free_time_constant_is_named_alone() -> None:
     """The time constant calibrated to the hop, a gradient made up for it."""
-    runs = hopping()
+    runs = [few_monitors(run) for run in hopping()]
     grid = Grid.of(runs)
     found = diagnose(
         rlg.Simulator.from_mapping(FITTED), runs[:2], runs[2:], only=KIN, window_s=2.0 * grid.window_s, black_box=False

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
+from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.simulators.align import clock_of, no_clocks
 from rlgcomp.diagnosis.simulators.resampling import Alignment, on_rows, turning_evenly, values_at
 from rlgcomp.diagnosis.simulators.user_simulator import (
@@ -427,7 +428,8 @@ def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_
         run.replace(table=moved(run, offset_s, 20.0).table[["time_s", "gyro_deg_s"]], truth=None, name=run.name) for run in finer
     ]
     few = ["lock_in", "scale_factor_asymmetry", "encoder_delay"]
-    found = rlg.diagnose(None, runs, simulated=theirs, only=few, black_box=False)
+    window_s = 1.5 * Grid.of(runs).window_s
+    found = rlg.diagnose(None, runs, simulated=theirs, only=few, window_s=window_s, black_box=False)
     assert [cause.name for cause in found.causes] == ["lock_in"] * bool(lock_in_deg_s)
     assert found.verdict == ("explained" if lock_in_deg_s else "none")
     for clock in found.alignment:
