@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 import struct
 import subprocess
 import sys
@@ -369,3 +370,41 @@ def test_a_mapped_channel_of_another_length_is_said_to_be_left_out(tmp_path: Pat
     np.savez(tmp_path / "a.npz", zeit=TIME, rate=RATES[:-7, 0], temp=BLOCK)
     with pytest.raises(rlg.InputError, match=r"rate, mapped to gyro_deg_h, has 593 rows and zeit, temp have 600: it was left out"):
         rlg.read(tmp_path / "a.npz", columns={"time_s": "zeit", "gyro_deg_h": "rate"})
+
+
+@pytest.mark.parametrize("names", [("timestamp_ns", "timestamp_ns"), ("t_ms", "time [s]"), ("timestamp", "Time_us")])
+def test_times_of_groups_may_bear_their_unit(tmp_path: Path, names: tuple[str, str]) -> None:
+    """Both clocks are compared in one unit, and the slow channel is that of its own times."""
+    scale = {"ns": 1e9, "ms": 1e3, "us": 1e6, "s": 1.0, "timestamp": 1e6}
+    fast, slow = np.arange(600) * 0.1, np.arange(61) * 1.0
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for group, name, seconds in (("imu", names[0], fast), ("env", names[1], slow)):
+            unit = re.split(r"[_\[]", name)[-1].strip("]")
+            file[f"{group}/{name}"] = np.rint(scale[unit] * seconds).astype(np.int64)
+        if names[0] == "timestamp":
+            file["imu/timestamp"].attrs["units"] = "us"
+        file["imu/rate"], file["env/pt100"] = np.random.default_rng(1).normal(size=(600, 3)), 20.0 + 0.01 * slow
+    mapping = {"time_s": names[0], "gyro_deg_h": "rate_3 [deg/h]", "temperature_block_degC": "env/pt100"}
+    run = rlg.read(tmp_path / "run.h5", columns=mapping)
+    assert run.time_s == pytest.approx(fast)
+    assert run.column("temperature_block_degC") == pytest.approx(20.0 + 0.01 * fast)
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
+def test_units_in_a_struct_beside_the_data(tmp_path: Path, version: str) -> None:
+    path, time = tmp_path / "run.mat", np.arange(300) * 100.0
+    rates, block = np.random.default_rng(1).normal(size=(300, 3)), 70.0 + 0.01 * np.arange(300)
+    units = {"time": "ms", "gz": "deg/s", "T": "degF"}
+    if version == "5":
+        savemat(path, {"data": {"time": time, "gz": rates, "T": block}, "Units": units})
+    else:
+        with h5py.File(path, "w", userblock_size=512) as file:
+            file["data/time"], file["data/gz"], file["data/T"] = time[None], rates.T, block[None]
+            for name, unit in units.items():
+                text = file.create_dataset(f"Units/{name}", data=np.array([[ord(sign)] for sign in unit], dtype=np.uint16))
+                text.attrs["MATLAB_class"] = np.bytes_(b"char")
+        path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(128) + path.read_bytes()[128:])
+    run = rlg.read(path, columns={"time_s": "time", "gyro_deg_h": "gz_2", "temperature_block_degC": "T"})
+    assert run.time_s == pytest.approx(0.001 * time)
+    assert run.rate_deg_h() == pytest.approx(3600.0 * rates[:, 1])
+    assert run.column("temperature_block_degC") == pytest.approx((block - 32.0) / 1.8)

@@ -10,16 +10,19 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow
 import pytest
 import scipy.io
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pyarrow import feather
+from pyarrow import parquet as parquet_of_arrow
 from scipy.io import savemat
 
 import rlgcomp as rlg
 from rlgcomp.files import to_json
-from rlgcomp.recording.formats import FORMATS, parquet
+from rlgcomp.recording.formats import FORMATS, column_names, parquet
 from rlgcomp.recording.formats.pieces import gyros_of, read_pieces
 from rlgcomp.units import column_unit, convert, unit_in_name
 from tests.cases import by_code
@@ -215,9 +218,63 @@ def test_parquet_in_several_row_groups_is_what_pandas_reads(tmp_path: Path) -> N
     }.items():
         path = tmp_path / f"{name}.parquet"
         written.to_parquet(path, row_group_size=300)
-        found, metadata = parquet.load(path)
-        pd.testing.assert_frame_equal(found, pd.read_parquet(path))
+        found, metadata, _ = parquet.load(path)
+        whole = pd.read_parquet(path)
+        whole = whole.reset_index() if name == "indexed" else whole
+        pd.testing.assert_frame_equal(found[whole.columns], whole)
         assert metadata == {}
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".feather"])
+@pytest.mark.parametrize(("index", "source"), [("when", "when"), ("time_s", "time_s"), (None, "index")])
+def test_the_index_of_a_data_frame_is_a_column(tmp_path: Path, index: str | None, source: str, suffix: str) -> None:
+    when = pd.date_range("2024-03-11 12:00", periods=300, freq="100ms", tz="Europe/Berlin", name=index)
+    frame = pd.DataFrame({"gyro_z_dph": np.random.default_rng(1).normal(size=300)}, index=when)
+    path = tmp_path / f"run{suffix}"
+    if suffix == ".parquet":
+        frame.to_parquet(path)
+    else:
+        feather.write_feather(pyarrow.Table.from_pandas(frame), path)
+    assert source in column_names(path)
+    run = rlg.read(path, columns={"time_s": source, "gyro_deg_h": "gyro_z_dph [deg/h]"})
+    assert run.time_s == pytest.approx(0.1 * np.arange(300))
+    if suffix == ".parquet":
+        (piece,) = read_pieces(path, "gyro_deg_h", columns={"time_s": source, "gyro_deg_h": "gyro_z_dph [deg/h]"})
+        assert np.array_equal(piece.time_s, run.time_s)
+
+
+def test_an_index_that_numbers_rows_is_no_column(tmp_path: Path) -> None:
+    table = pd.DataFrame({"time_s": np.arange(300.0), "gyro_deg_h": np.random.default_rng(1).normal(size=300)})
+    table[table["time_s"] > 20.0].to_parquet(tmp_path / "run.parquet")
+    assert rlg.read(tmp_path / "run.parquet").columns == ("time_s", "gyro_deg_h")
+
+
+@pytest.mark.parametrize("key", ["unit", "Unit", "units", "UNITS"])
+@pytest.mark.parametrize("suffix", [".parquet", ".feather", ".h5"])
+def test_units_that_a_file_states_are_read(tmp_path: Path, suffix: str, key: str) -> None:
+    """Whatever letters the key has; a unit that is not known is refused."""
+    path, stated = tmp_path / f"run{suffix}", {"t": "ms", "w": "deg/s", "T": "degF"}
+    values = {"t": 100.0 * np.arange(300), "w": np.random.default_rng(1).normal(size=300), "T": 70.0 + 0.01 * np.arange(300)}
+
+    def write(stated: dict[str, str]) -> None:
+        if suffix == ".h5":
+            with h5py.File(path, "w") as file:
+                for name, column in values.items():
+                    file.create_dataset(name, data=column).attrs[key] = stated[name]
+            return
+        fields = [pyarrow.field(name, pyarrow.float64(), metadata={key: stated[name]}) for name in values]
+        table = pyarrow.table(list(values.values()), schema=pyarrow.schema(fields))
+        (parquet_of_arrow.write_table if suffix == ".parquet" else feather.write_feather)(table, path)
+
+    mapping = {"time_s": "t", "gyro_deg_h": "w", "temperature_block_degC": "T"}
+    write(stated)
+    run = rlg.read(path, columns=mapping)
+    assert run.time_s == pytest.approx(0.1 * np.arange(300))
+    assert run.rate_deg_h() == pytest.approx(3600.0 * values["w"])
+    assert run.column("temperature_block_degC") == pytest.approx((values["T"] - 32.0) / 1.8)
+    write(stated | {"w": "furlong/s"})
+    with pytest.raises(rlg.InputError, match="unknown unit 'furlong/s' of the column 'w'"):
+        rlg.read(path, columns=mapping)
 
 
 def test_a_text_file_named_parquet(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -16,19 +16,36 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from rlgcomp import units
 from rlgcomp.errors import InputError
-from rlgcomp.recording import TIME, Finding, is_gyro
-from rlgcomp.recording.formats.contents import Contents
+from rlgcomp.recording import Finding, is_gyro
+from rlgcomp.recording.formats.contents import UNIT_KEYS, Contents
 from rlgcomp.report.messages import message
 
-TIMES: Final = (TIME, "time", "timestamp", "timestamps", "stamp", "x_value")  # names of a group's own time, in small letters
+TIMES: Final = ("time", "timestamp", "timestamps", "stamp", "x_value")  # names of a group's own time, in small letters
 MOST_COLUMNS: Final = 256  # of a matrix; a wider one is a picture or a spectrum
 _PRINTED: Final = 20  # names of a message
 
 
 def is_time(name: str) -> bool:
-    """Whether a name is that of a group's own time; T is a temperature."""
-    return name == "t" or name.lower() in TIMES
+    """Whether a name is that of a group's own time, with or without its unit behind it; T is a temperature."""
+    return any(stem == "t" or stem.lower() in TIMES for stem in (name, _time_and_unit(name)[0]))
+
+
+def _time_and_unit(name: str) -> tuple[str, str | None]:
+    """A name without the unit of time in which it ends, as `timestamp_ns` or `time [ms]`, and that unit."""
+    stem, unit = units.header_unit(name)
+    if unit is None:
+        stem, _, unit = name.rpartition("_")
+    return (stem.strip(), unit) if stem and is_time_unit(unit) else (name, None)
+
+
+def is_time_unit(unit: str | None) -> bool:
+    """Whether a unit is one of time."""
+    try:
+        return unit is not None and units.is_unit(unit) and bool(units.convert(1.0, unit, "s"))
+    except InputError:
+        return False
 
 
 class Channel(NamedTuple):
@@ -51,10 +68,10 @@ class Channel(NamedTuple):
 
 
 class _Base(NamedTuple):
-    """A time base: its length, and its times where a channel holds them."""
+    """A time base: its length, and the channel that holds its times where there is one."""
 
     rows: int
-    time: npt.NDArray[np.generic] | None
+    time: Channel | None
     channels: list[Channel]
 
 
@@ -72,6 +89,33 @@ def columns_of(group: str, name: str, values: npt.NDArray[Any]) -> list[Channel]
         return []
     rows = values if values.shape[0] >= values.shape[1] else values.T
     return [Channel(group, f"{name}_{k + 1}", rows[:, k]) for k in range(rows.shape[1])]
+
+
+def with_units(channels: Sequence[Channel], texts: Mapping[str, str]) -> list[Channel]:
+    """Channels with the units that texts state: `units/gz` beside a group is that of `gz` in it, also of `gz_1`, if it has none.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+    texts : mapping of str to str
+        Texts of the container, by their paths.
+    """
+    stated = {}
+    for place, text in texts.items():
+        group, _, name = place.rpartition("/")
+        beside, _, key = group.rpartition("/")
+        if key.lower() in UNIT_KEYS and text.strip():
+            stated[f"{beside}/{name}".strip("/")] = text.strip()
+
+    def unit_of(channel: Channel) -> str | None:
+        groups = channel.group.split("/") if channel.group else []
+        for name in (channel.name, channel.name.rpartition("_")[0]):
+            for depth in range(len(groups), -1, -1):
+                if (unit := stated.get("/".join([*groups[:depth], name]))) is not None:
+                    return unit
+        return None
+
+    return [one if one.unit else one._replace(unit=unit_of(one)) for one in channels]
 
 
 def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[str] = (), wanted: Sequence[str] = ()) -> Contents:
@@ -95,8 +139,8 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
     if not channels:
         there = f"; it holds {_listed(passed_over)}" if passed_over else ""
         raise InputError(f"{path} holds no columns: no vector of numbers was found{there}")
-    bases = _bases(channels)
     asked = [_bare(part) for source in wanted for part in (source, *source.split("+"))]
+    bases = _bases(channels, asked)
 
     def merit(base: _Base) -> tuple[int, bool, int, int]:
         named = sum(one.name in asked or _full(one) in asked for one in base.channels)
@@ -116,7 +160,7 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
         for channel in measured:
             name = channel.name if channel.name not in table and _full(channel) not in asked else _full(channel)
             names[name] = channel
-            at, own = _number(main.time), _number(base.time)
+            at, own = _clocks(main.time, base.time)
             within = (at >= own[0] - (own[1] - own[0])) & (at <= own[-1] + (own[-1] - own[-2]))
             table[name] = np.where(within, np.interp(at, own, channel.values.astype(np.float64)), np.nan)
         gyros = [one for one in base.channels if is_gyro(one.name)]
@@ -129,19 +173,21 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
         findings.append(
             Finding("noted", message("recording.left_out", rows=main.rows, names=left_out[:_PRINTED], count=len(left_out)))
         )
-    units = {name: channel.unit for name, channel in names.items() if channel.unit}
-    return Contents(pd.DataFrame(table), {}, units, tuple(findings), other)
+    stated = {name: channel.unit for name, channel in names.items() if channel.unit}
+    return Contents(pd.DataFrame(table), {}, stated, tuple(findings), other)
 
 
-def _bases(channels: Sequence[Channel]) -> list[_Base]:
+def _bases(channels: Sequence[Channel], asked: Sequence[str]) -> list[_Base]:
     """Time bases of the channels: groups with a time of their own, equal ones taken together, and lengths without a time."""
-    times = {one.group: one for one in channels if _is_time(one)}
+    times: dict[str, Channel] = {}
+    for one in sorted((one for one in channels if _is_time(one)), key=lambda one: _bare(one.name) not in asked):
+        times.setdefault(one.group, one)
     bases: list[_Base] = []
     for channel in channels:
         own = times.get(channel.group)
-        time = own.values if own is not None and len(own.values) == len(channel.values) else None
+        time = own if own is not None and len(own.values) == len(channel.values) else None
         for base in bases:
-            same = time is None or base.time is None or np.array_equal(base.time, time)
+            same = time is None or base.time is None or np.array_equal(base.time.values, time.values)
             if base.rows == len(channel.values) and same:
                 if base.time is None and time is not None:
                     bases[bases.index(base)] = base._replace(time=time)
@@ -176,15 +222,22 @@ def _is_time(channel: Channel) -> bool:
     return is_time(channel.name)
 
 
-def _overlap(main: npt.NDArray[np.generic], other: npt.NDArray[np.generic]) -> bool:
+def _clocks(main: Channel, other: Channel) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Two times as numbers of one unit: of the second where both state theirs, and otherwise as they are."""
+    stated = [one.unit or _time_and_unit(one.name)[1] or ("ns" if one.values.dtype.kind == "M" else None) for one in (main, other)]
+    scales = [float(units.convert(1.0, str(unit), "s")) for unit in stated] if all(map(is_time_unit, stated)) else [1.0, 1.0]
+    first, second = (
+        scale * (one.values.astype("datetime64[ns]") if one.values.dtype.kind == "M" else one.values).astype(np.float64)
+        for one, scale in zip((main, other), scales, strict=True)
+    )
+    return first, second
+
+
+def _overlap(main: Channel, other: Channel) -> bool:
     """Whether a time base covers at least half of another and increases."""
-    first, second = _number(main), _number(other)
+    first, second = _clocks(main, other)
     common = min(first[-1], second[-1]) - max(first[0], second[0])
     return bool(np.all(np.diff(second) > 0.0) and common >= 0.5 * (first[-1] - first[0]))
-
-
-def _number(time: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
-    return time.astype("datetime64[ns]").astype(np.float64) * 1e-9 if time.dtype.kind == "M" else time.astype(np.float64)
 
 
 def _full(channel: Channel) -> str:

@@ -1,16 +1,19 @@
-"""Contents of a recording's file, before its columns are mapped and repaired, and the check that no name stands twice."""
+"""Contents of a recording's file, before its columns are mapped and repaired; units that a file states beside its columns."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Finding
+
+UNIT_KEYS: Final = ("unit", "units", "unit_string")  # in small letters
+_NO_UNITS: Final = ("", "-", "1", "none", "n/a")  # in small letters: nothing is stated
 
 
 class Contents(NamedTuple):
@@ -33,6 +36,21 @@ class Contents(NamedTuple):
     units: Mapping[str, str] = {}
     findings: tuple[Finding, ...] = ()
     other: Mapping[str, int] = {}
+
+
+def stated_unit(attributes: Mapping[Any, Any]) -> str | None:
+    """Unit among the attributes of a column, whatever letters its key has; also one that is not known, for messages.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Keys and values may be bytes.
+    """
+    for key, value in attributes.items():
+        name, unit = (one.decode(errors="replace") if isinstance(one, bytes) else one for one in (key, value))
+        if str(name).lower() in UNIT_KEYS and isinstance(unit, str) and unit.strip().lower() not in _NO_UNITS:
+            return unit.strip()
+    return None
 
 
 def require_different(names: Iterable[object], place: Path | str) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from rlgcomp.errors import InputError
+from rlgcomp.recording.formats import arrow
 from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.limits import require_expandable
 
@@ -27,7 +28,7 @@ def load(path: Path) -> Contents:
             modern = stream.read(len(_MAGIC)) == _MAGIC
         table = _checked(path) if modern else feather.read_table(path)
         table.validate(full=True)  # pandas believes offsets, which a damaged file may point anywhere
-        return Contents(table.to_pandas())
+        return Contents(arrow.table_of(table), {}, arrow.units_of(table.schema))
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way

@@ -15,14 +15,14 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
-from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of
-from rlgcomp.recording.formats.contents import Contents
+from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of, with_units
+from rlgcomp.recording.formats.contents import Contents, stated_unit
 from rlgcomp.recording.formats.limits import require_expandable
-from rlgcomp.units import is_unit
 
 CONTAINER: Final = True
 SUFFIXES: Final = (".h5", ".hdf5")
 _ATTRIBUTE: Final = "rlgcomp.recording"
+_LONGEST_TEXT: Final = 1 << 12  # characters
 _COLUMNS: Final = "columns"  # their order, which HDF5 does not keep
 
 
@@ -46,21 +46,24 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
     passed_over: list[str] = []
     metadata: dict[str, Any] = {}
     declared: list[int] = []
+    texts: dict[str, str] = {}
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#"):
             return
         if item.external or item.is_virtual:
             raise InputError(f"{path}: {name} lies in other files, which are not read; copy the numbers into this one")
-        if item.dtype.kind not in "fiuV" or not item.size:
+        if (written := _text(item)) is not None:
+            texts[name] = written
+        if written is not None or item.dtype.kind not in "fiuV" or not item.size:
             passed_over.append(name)
             return
         declared.append(max(8, item.dtype.itemsize) * item.size)
         require_expandable(path, sum(declared))
         group, _, leaf = name.rpartition("/")
         found = columns_of(group, leaf, item[()]) if item.shape else []
-        unit = _plain(item.attrs.get("units", item.attrs.get("unit", "")))
-        channels.extend(one._replace(unit=unit) if isinstance(unit, str) and is_unit(unit) else one for one in found)
+        unit = stated_unit({key: _plain(value) for key, value in item.attrs.items()})
+        channels.extend(one._replace(unit=unit) for one in found)
         if not found and item.size == 1 and item.dtype.kind in "fiu":
             metadata.setdefault(name, np.asarray(item[()]).item())
         elif not found:
@@ -78,10 +81,18 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
         raise InputError(f"{path} is not readable as HDF5: {(str(error).splitlines() or ['damaged'])[0]}") from None
     columns = stored.pop(_COLUMNS, [])
     order = columns if isinstance(columns, list) else []  # another program's attribute of that name may hold anything
-    contents = contents_of(channels, path, passed_over, wanted)
+    contents = contents_of(with_units(channels, texts), path, passed_over, wanted)
     table = contents.table
     table = table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))]
     return contents._replace(table=table, metadata={**metadata, **stored})
+
+
+def _text(item: Any) -> str | None:
+    """Text of a dataset, also of MATLAB's characters; None of any other."""
+    if item.size and item.size <= _LONGEST_TEXT and item.attrs.get("MATLAB_class") == b"char" and item.dtype.kind == "u":
+        return "".join(map(chr, item[()].ravel(order="F")))
+    value = item[()] if item.shape == () and item.dtype.kind in "SO" else None
+    return value.decode(errors="replace") if isinstance(value, bytes) else None
 
 
 def is_written(path: Path) -> bool:

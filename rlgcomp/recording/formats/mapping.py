@@ -282,7 +282,8 @@ def require_same_rows(mapping: Mapping[str, str], table: pd.DataFrame, other: Ma
             channel = next(one.column for one in sources_of([*columns, *other], source, name, parts=True) if one.column in other)
             raise InputError(
                 f"{name}: {channel}, mapped to {target}, has {other[channel]} rows and {', '.join(columns)} have {len(table)}: it "
-                "was left out; write a time of its own beside it, in a group of its own, or give both as many rows"
+                "was left out, as it has no time by which it could be interpolated; write its time, named time, timestamp or t, "
+                "beside it in its group, and that of the others in theirs, or give both as many rows"
             )
 
 

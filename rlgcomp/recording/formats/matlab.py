@@ -15,7 +15,7 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
 from rlgcomp.recording.formats import hdf5
-from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of
+from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of, with_units
 from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.limits import inflated_bytes, largest_bytes, require_expandable
 from rlgcomp.recording.matlab_elements import COMPRESSED, MATRIX, Elements
@@ -57,17 +57,23 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
             raise InputError(f"{path}: {_METADATA} holds a {type(metadata).__name__}, no mapping; leave it out")
     channels: list[Channel] = []
     passed_over: list[str] = []
-    _walk("", variables, channels, passed_over, metadata)
-    return contents_of(channels, path, passed_over, wanted)._replace(metadata=metadata)
+    texts: dict[str, str] = {}
+    _walk("", variables, channels, passed_over, metadata, texts)
+    return contents_of(with_units(channels, texts), path, passed_over, wanted)._replace(metadata=metadata)
 
 
 def _walk(
-    group: str, variables: Mapping[str, Any], channels: list[Channel], passed_over: list[str], metadata: dict[str, Any]
+    group: str,
+    variables: Mapping[str, Any],
+    channels: list[Channel],
+    passed_over: list[str],
+    metadata: dict[str, Any],
+    texts: dict[str, str],
 ) -> None:
-    """Collect the channels of a struct, the names of what is none, and its single numbers and texts."""
+    """Collect the channels of a struct, the names of what is none, its single numbers and texts, and the texts by their path."""
     for name, value in variables.items():
         if isinstance(value, dict):
-            _walk(f"{group}/{name}".strip("/"), value, channels, passed_over, metadata)
+            _walk(f"{group}/{name}".strip("/"), value, channels, passed_over, metadata, texts)
         elif isinstance(value, np.ndarray):
             found = columns_of(group, name, value)
             channels += found
@@ -75,6 +81,8 @@ def _walk(
                 passed_over.append(f"{group}/{name}".strip("/"))
         elif isinstance(value, int | float | str) and not isinstance(value, bool):
             metadata.setdefault(name, value)
+            if isinstance(value, str):
+                texts[f"{group}/{name}".strip("/")] = value
         else:
             passed_over.append(f"{group}/{name}".strip("/"))
 

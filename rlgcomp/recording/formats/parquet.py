@@ -10,6 +10,7 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
+from rlgcomp.recording.formats import arrow
 from rlgcomp.recording.formats.contents import require_different
 from rlgcomp.recording.formats.limits import require_expandable
 
@@ -17,8 +18,8 @@ SUFFIXES: Final = (".parquet", ".pq")
 _KEY: Final = b"rlgcomp.recording"
 
 
-def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Table and metadata of a Parquet file."""
+def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any], dict[str, str]]:
+    """Table, metadata and units of a Parquet file."""
     from pyarrow import parquet
 
     with path.open("rb") as stream:
@@ -30,15 +31,15 @@ def load(path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
             require_expandable(path, 8.0 * file.metadata.num_rows * file.metadata.num_columns)
             require_different(file.schema_arrow.names, path)
             table = file.read()  # memory-mapped: each column in one piece, which pandas takes as it is
-        return table.to_pandas(split_blocks=True), _metadata(table.schema)
+        return arrow.table_of(table), _metadata(table.schema), arrow.units_of(table.schema)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {_first_line(error)}") from None
 
 
-def header(path: Path) -> tuple[list[str], dict[str, Any]]:
-    """Column names and metadata of a Parquet file, its rows unread.
+def header(path: Path) -> tuple[list[str], dict[str, Any], dict[str, str]]:
+    """Column names, metadata and units of a Parquet file, its rows unread.
 
     Raises
     ------
@@ -50,7 +51,7 @@ def header(path: Path) -> tuple[list[str], dict[str, Any]]:
     try:
         schema = parquet.read_schema(path)
         require_different(schema.names, path)
-        return list(schema.names), _metadata(schema)
+        return list(arrow.fields_of(schema)), _metadata(schema), arrow.units_of(schema)
     except InputError:
         raise
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
@@ -93,8 +94,9 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
 
     try:
         with parquet.ParquetFile(path, pre_buffer=False) as file:  # what is buffered ahead is kept until the end
-            for batch in file.iter_batches(rows, columns=list(columns)):
-                yield batch.to_pandas()[list(columns)]
+            fields = arrow.fields_of(file.schema_arrow)
+            for batch in file.iter_batches(rows, columns=[fields[name].name for name in columns]):
+                yield arrow.table_of(batch, columns)
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is a damaged Parquet file: {_first_line(error)}") from None
 
@@ -122,6 +124,6 @@ def save(path: Path, table: pd.DataFrame, metadata: dict[str, Any]) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    arrow = pyarrow.Table.from_pandas(table, preserve_index=False)
-    schema = {**(arrow.schema.metadata or {}), _KEY: to_json(metadata, indent=None).encode()}
-    parquet.write_table(arrow.replace_schema_metadata(schema), path, compression="zstd")
+    written = pyarrow.Table.from_pandas(table, preserve_index=False)
+    schema = {**(written.schema.metadata or {}), _KEY: to_json(metadata, indent=None).encode()}
+    parquet.write_table(written.replace_schema_metadata(schema), path, compression="zstd")

@@ -208,8 +208,7 @@ def _opened(path: Path, drop: Sequence[str]) -> _Opened:
     if not path.is_file():
         raise InputError(f"{path} does not exist, or is no file")
     if path.name.lower().endswith(parquet.SUFFIXES):
-        names, stored = parquet.header(path)
-        opened = _Opened(names, stored, {}, ())
+        opened = _Opened(*parquet.header(path), ())
     elif path.name.lower().endswith(csv.SUFFIXES) and path.suffix != ".gz":
         names, written = csv.names_and_dialect(path)
         opened = _Opened(names, {}, csv.units_of(written, path), written.findings)
