@@ -133,6 +133,7 @@ def test_every_mechanism_file_is_in_the_catalogue() -> None:
 
 def test_every_format_file_is_in_the_list() -> None:
     assert _names_in("recording/formats") - {
+        "arrow",
         "channels",
         "contents",
         "dialect",
