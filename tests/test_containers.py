@@ -16,11 +16,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
+from typer.testing import CliRunner
 
 import rlgcomp as rlg
+from rlgcomp.cli import app, register_commands
 from rlgcomp.recording.formats import column_names
 from tests.cases import by_code, case
 
+register_commands()
 ROWS = 600
 TIME = np.arange(ROWS) / 10.0
 RATES = 1.0 + 0.3 * np.random.default_rng(1).standard_normal((ROWS, 3))
@@ -388,6 +391,8 @@ def test_times_of_groups_may_bear_their_unit(tmp_path: Path, names: tuple[str, s
     run = rlg.read(tmp_path / "run.h5", columns=mapping)
     assert run.time_s == pytest.approx(fast)
     assert run.column("temperature_block_degC") == pytest.approx(20.0 + 0.01 * fast)
+    mapped = [argument for target, source in mapping.items() for argument in ("--map", f"{target}={source}")]
+    assert CliRunner().invoke(app, ["inspect", str(tmp_path / "run.h5"), *mapped]).exit_code == 0
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
+from rlgcomp.recording.sampling import Sampling
 
 
 def make(rows: int = 1000, period_s: float = 1.0, **columns: object) -> rlg.Recording:
@@ -145,3 +146,29 @@ def test_it_can_be_pickled_for_workers() -> None:
 
 def test_it_prints_what_it_is() -> None:
     assert "1000 rows every 1 s, 0.28 h, 0 gaps" in repr(make())
+
+
+@pytest.mark.parametrize("rate_hz", [45.0, 50.0, 60.0])
+@pytest.mark.parametrize("gaps", [0, 40])
+def test_times_of_single_precision_are_rounded_and_have_no_gaps_but_their_own(rate_hz: float, gaps: int) -> None:
+    """Seconds of a GPS week in four bytes come in steps of 1/64 s: one or two of them a sample."""
+    number = np.arange(20_000)
+    number += np.searchsorted(np.linspace(300, 19_000, gaps).astype(int), number) * 50
+    time_s = (252_000.0 + number / rate_hz).astype(np.float32).astype(np.float64)
+    clock = Sampling.of(time_s)
+    assert clock.period_s == pytest.approx(1.0 / rate_hz, rel=1e-4)
+    assert clock.step_s == 1.0 / 64.0
+    assert len(clock.gaps) == gaps
+    gyro = np.random.default_rng(1).normal(size=len(number))
+    (finding,) = [f for f in rlg.recording({"time_s": time_s, "gyro_deg_h": gyro}).findings if "time_in" in f.message.code]
+    assert finding.message.data == {"step_s": 1.0 / 64.0, "period_s": clock.period_s}
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.03, 0.04, 0.05, 0.2, 0.4])
+def test_samples_that_are_lost_at_random_are_gaps(share: float) -> None:
+    """They too leave steps of one period and of two."""
+    kept = np.flatnonzero(np.random.default_rng(3).random(20_000) >= share)
+    clock = Sampling.of(0.02 * kept)
+    assert clock.step_s is None
+    assert clock.period_s == pytest.approx(0.02, rel=1e-6)
+    assert len(clock.gaps) == np.count_nonzero(np.diff(kept) > 1)

@@ -192,7 +192,7 @@ def read_runs(
 
     columns = parse_mapping(list(mapping or []))
     files = [interval_of(spec)[0] for spec in (*specs, *also)] if columns else []
-    names = {path: column_names(path) for path in files}
+    names = {path: column_names(path, list(columns.values())) for path in files}
     require_mapped(columns, names)
     calibrated = None
     if calibration is not None:

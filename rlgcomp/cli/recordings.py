@@ -136,7 +136,7 @@ def _read_both(
     from rlgcomp.recording.formats.mapping import has_column, parse_mapping, require_droppable, require_mapped
 
     columns = parse_mapping(list(mapping or []))
-    names = {path: column_names(path) for path in (run, other)}
+    names = {path: column_names(path, list(columns.values())) for path in (run, other)}
     require_mapped(columns, names)
     own = {path: {target: source for target, source in columns.items() if has_column(names[path], source)} for path in names}
     timed = {path: TIME in own[path] or (TIME in names[path] and TIME not in (drop or [])) for path in names}

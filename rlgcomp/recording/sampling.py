@@ -24,6 +24,10 @@ GAP_PERIODS: Final = 1.5
 _LATE: Final = 0.5  # periods that stamps come later after a gap, of one sample or more, than before it; late stamps alone catch up
 _NEAR: Final = 15  # samples on either side that show it
 _PARTS: Final = 8  # of a period, by which edges of windows differ at least
+_LAG: Final = 64  # samples over which rounded stamps advance by one of two neighbouring numbers of steps, and lost samples by many
+_FEWEST_MORE: Final = 2  # steps more than samples over this lag
+_WITH_GAPS: Final = 0.01  # of the steps,
+_ENDS: Final = (0.25, 0.75)  # and quantiles of the advances that leave them out
 _SAME: Final = 1e-7  # of the period: the median step is that good where stamps are exact
 
 
@@ -37,10 +41,13 @@ class Sampling:
         Sample period in s.
     gaps : ndarray of int
         Rows after which samples are missing.
+    step_s : float, optional
+        Steps in which the stamps come, where these are so coarse that the period is no whole number of them.
     """
 
     period_s: float
     gaps: npt.NDArray[np.intp]
+    step_s: float | None = None
 
     @classmethod
     def of(cls, time_s: Array) -> Self:
@@ -51,9 +58,30 @@ class Sampling:
         """
         steps = np.diff(time_s)
         median_s = float(np.median(steps))
-        gaps = _gaps(time_s, steps, median_s)
+        rounded_s = _period_of_rounded(time_s, steps, median_s)
+        gaps = _gaps(time_s, steps, rounded_s or median_s)
         slope_s = _slope(time_s, gaps)
-        return cls(median_s if abs(slope_s - median_s) <= _SAME * median_s else slope_s, gaps)
+        period_s = median_s if abs(slope_s - median_s) <= _SAME * median_s else slope_s
+        return cls(period_s, gaps, median_s if rounded_s is not None else None)
+
+
+def _period_of_rounded(time_s: Array, steps: Array, step_s: float) -> float | None:
+    """Period of stamps rounded to a step that is more than half of it; None of others.
+
+    Such stamps advance by one step or two, as they do where single samples are lost. But over many samples they advance by one of
+    two neighbouring numbers of steps, and stamps with losses by as many as samples happen to be lost.
+    """
+    if len(steps) < 2 * _LAG or np.mean(steps > 1.5 * step_s) <= _FEWEST_MORE / _LAG:
+        return None
+    if np.mean(np.abs(steps / step_s - 1.5) > 0.51) > _WITH_GAPS:
+        return None
+    advance_s = time_s[_LAG:] - time_s[:-_LAG]
+    least, greatest = np.quantile(advance_s, _ENDS)
+    return (
+        float(np.mean(advance_s[(least <= advance_s) & (advance_s <= greatest)])) / _LAG
+        if greatest - least < 1.5 * step_s
+        else None
+    )
 
 
 def _gaps(time_s: Array, steps: Array, period_s: float) -> npt.NDArray[np.intp]:

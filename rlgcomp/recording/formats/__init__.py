@@ -81,8 +81,7 @@ def read(
     form = _readable(path)
     sidecar_values = read_sidecar(path)
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
-    wanted = (list(mapping.values()),) if getattr(form, "CONTAINER", False) else ()
-    table, stored, file_units, reading, other = Contents(*form.load(path, *wanted))
+    table, stored, file_units, reading, other = _contents(form, path, list(mapping.values()))
     require_same_rows(mapping, table, other, path.name)
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
@@ -178,8 +177,14 @@ def recording_of(
     return Recording.repaired(rest, merged, name=stem, truth=truth if truths else None, findings=reading + findings)
 
 
-def column_names(path: str | Path) -> list[str]:
+def column_names(path: str | Path, wanted: Sequence[str] = ()) -> list[str]:
     """A file's own names of its columns.
+
+    Parameters
+    ----------
+    path : path
+    wanted : sequence of str
+        Sources of a mapping, by which the columns of a container are named, as when it is read.
 
     Raises
     ------
@@ -192,8 +197,12 @@ def column_names(path: str | Path) -> list[str]:
         return parquet.header(path)[0]
     if form is csv:
         return csv.header(path)
-    contents = Contents(*form.load(path))
+    contents = _contents(form, path, wanted)
     return [*map(str, contents.table.columns), *contents.other]
+
+
+def _contents(form: ModuleType, path: Path, wanted: Sequence[str]) -> Contents:
+    return Contents(*(form.load(path, wanted) if getattr(form, "CONTAINER", False) else form.load(path)))
 
 
 def write(recording: Recording, path: str | Path, *, overwrite: bool = False) -> None:

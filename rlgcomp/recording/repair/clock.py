@@ -141,6 +141,9 @@ def sampling(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     period_s, gaps = clock.period_s, clock.gaps
     if len(gaps):
         context.add("noted", message("recording.gaps", gaps=len(gaps), longest_s=steps[gaps].max()), TIME, gaps[0])
+    if clock.step_s is not None:
+        context.add("noted", message("recording.time_in_steps", step_s=clock.step_s, period_s=period_s), TIME)
+        return table
     uneven = float(np.mean(np.abs(steps - period_s) > 0.25 * period_s)) - len(gaps) / len(steps)
     if uneven > 0.01:
         context.add("noted", message("recording.uneven_steps", share=uneven, period_s=period_s), TIME)

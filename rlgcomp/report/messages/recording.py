@@ -186,6 +186,10 @@ TEXTS: Final = {
         "{repeated} of {rows} time stamps repeat the one before: the time was written with too few digits; write more, or "
         "leave it out and give the sample period with --period-s"
     ),
+    "time_in_steps": (
+        "the stamps come in steps of {step_s:.6g} s: the time was written with too few digits for samples every {period_s:.6g} s, "
+        "which is their mean step; if samples are missing instead, give the time with more digits"
+    ),
     "time_runs_backwards": (
         "time runs backwards: {before_s:.9g} s is followed by {after_s:.9g} s, and {rows} rows are out of order; if a second run "
         "begins there, split the file in two; otherwise sort it"
