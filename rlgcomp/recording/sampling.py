@@ -59,7 +59,7 @@ class Sampling:
         steps = np.diff(time_s)
         median_s = float(np.median(steps))
         rounded_s = _period_of_rounded(time_s, steps, median_s)
-        gaps = _gaps(time_s, steps, rounded_s or median_s)
+        gaps = _gaps(time_s, steps, median_s) if rounded_s is None else _gaps(time_s, steps, rounded_s, median_s)
         slope_s = _slope(time_s, gaps)
         period_s = median_s if abs(slope_s - median_s) <= _SAME * median_s else slope_s
         return cls(period_s, gaps, median_s if rounded_s is not None else None)
@@ -84,9 +84,9 @@ def _period_of_rounded(time_s: Array, steps: Array, step_s: float) -> float | No
     )
 
 
-def _gaps(time_s: Array, steps: Array, period_s: float) -> npt.NDArray[np.intp]:
-    """Long steps that the stamps after them do not make up for."""
-    long = np.flatnonzero(steps > GAP_PERIODS * period_s)
+def _gaps(time_s: Array, steps: Array, period_s: float, rounded_to_s: float = 0.0) -> npt.NDArray[np.intp]:
+    """Long steps, longer than rounding makes them, that the stamps after them do not make up for."""
+    long = np.flatnonzero(steps > GAP_PERIODS * period_s + 0.5 * rounded_to_s)
     if not len(long):
         return long
     rows = np.clip(long[:, None] + np.arange(1 - _NEAR, 1 + _NEAR), 0, len(time_s) - 1)
