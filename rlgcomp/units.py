@@ -479,9 +479,9 @@ def _find(unit: str) -> tuple[str, tuple[float, float]]:
     return _UNITS[name]
 
 
-def known() -> str:
-    """All units, for messages."""
-    return ", ".join(_UNITS)
+def known(kind: str | None = None) -> str:
+    """All units, or those that can be converted to one, for messages."""
+    return ", ".join(_UNITS if kind is None else _DIMENSIONS[dimension_of(kind)])
 
 
 def arw_rate_sd_deg_h(angle_random_walk_deg_sqrt_h: float, averaging_s: float) -> float:

@@ -59,6 +59,7 @@ def test_each_input_left_out_has_a_remark_with_the_run_that_would_tell() -> None
     assert [remark.data["group"] for remark in remarks] == ["temperature_rate", "lag", "memory"]
     assert all(remark.data["company"] == "temperature" for remark in remarks)
     assert "turns" in remarks[-1].data["telling_run"]
+    assert "both warms and cools" in remarks[0].data["telling_run"]  # between runs, turn-on biases differ as well
 
 
 def test_runs_up_and_down_keep_all_groups(short_runs: list[rlg.Recording]) -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import rlgcomp as rlg
 from rlgcomp.recording import Finding
 from rlgcomp.recording.repair import UnusableRecordingError, repair
+from rlgcomp.recording.repair.context import Step
 from tests.cases import by_code, case
 
 ROWS = 3000
@@ -190,6 +193,45 @@ def test_small_numbers_of_both_signs_without_theirs(column: str, step: float, le
     )
     assert result[column].to_numpy() == pytest.approx(kept, abs=1e-6)
     assert found["counter_overflow"].message.data["modulus"] == pytest.approx(65536.0 * step)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(8, 32),
+    st.sampled_from([1.0, 0.5, -0.0095367]),
+    st.sampled_from([0.0, 25.0]),
+    st.sampled_from(["gyro_deg_h", "field_uT"]),
+)
+def test_two_s_complement_of_any_number_of_bits(bits: int, step: float, zero: float, column: str) -> None:
+    """Noise of a thirtieth of the range, so that no two values need differ by one step."""
+    signed = np.rint(0.03 * 2.0**bits * np.random.default_rng(bits).standard_normal(ROWS))
+    frame = table(**{column: step * (signed % 2.0**bits) + zero})
+    stated = {} if step == 1.0 and not zero else {column: Step(step, zero)}
+    result, findings = repair(frame, rlg.Metadata(), name="file", converters=stated)
+    assert result[column].to_numpy() == pytest.approx(step * signed + zero, rel=1e-6, abs=1e-3 * abs(step))
+    assert by_code(findings)["counter_overflow"].message.data["modulus"] == pytest.approx(abs(step) * 2.0**bits)
+
+
+@pytest.mark.parametrize(("middle", "said"), [(2.0**23, True), (2.0**15 + 20.0, True), (3e6, False), (200.0, False)])
+def test_counts_about_the_middle_of_a_range_are_questioned(middle: float, said: bool) -> None:
+    counts = middle + np.random.default_rng(1).integers(-30, 31, ROWS)
+    result, findings = repair(
+        table(gyro_deg_h=0.5 * counts), rlg.Metadata(), name="file", converters={"gyro_deg_h": Step(0.5, 0.0)}
+    )
+    assert result["gyro_deg_h"].to_numpy() == pytest.approx(0.5 * counts)
+    assert ("offset_binary" in by_code(findings)) == said
+
+
+def test_whole_numbers_at_both_ends_of_a_range_without_jumps_between_them_are_none() -> None:
+    """A level that changes once, a pulse width that is nearly off or nearly on, and values that fill their range."""
+    random = np.random.default_rng(6)
+    once = np.where(TIME < 1500.0, 0.0, 1000.0) + random.integers(0, 20, ROWS)
+    width = np.where(TIME % 200.0 > 90.0, 4095.0, 0.0)
+    filled = random.integers(0, 4096, ROWS).astype(float)
+    result, found = repaired(table(once=once, width=width, filled=filled))
+    assert "counter_overflow" not in found
+    for name, values in (("once", once), ("width", width), ("filled", filled)):
+        assert (result[name].to_numpy() == values).all()
 
 
 def test_a_switch_is_no_counter() -> None:

@@ -312,3 +312,29 @@ def test_shuffled_rows_are_no_daylight_saving() -> None:
         repaired(60.0 * np.random.default_rng(1).permutation(ROWS))
     assert "time_runs_backwards" in by_code(caught.value.findings)
     assert "roll_over" not in by_code(caught.value.findings)
+
+
+@pytest.mark.parametrize(("bits", "step"), [(16, "0.01 s"), (16, "10 ms"), (32, "0.0001 s")])
+@pytest.mark.parametrize("first", [0, 60_000])
+def test_a_counter_with_a_stated_step_runs_on_and_keeps_lost_samples(bits: int, step: str, first: int) -> None:
+    count = first + 2**bits - 65_536 + np.delete(np.arange(80_000), [70, 5000, 5001, 66_000])
+    gyro = np.random.default_rng(1).standard_normal(len(count))
+    table = pd.DataFrame({"n": count % 2**bits, "gyro_deg_h": gyro})
+    run = rlg.recording(table, columns={"time_s": f"n [{step}]"})
+    period_s = 0.0001 if bits == 32 else 0.01
+    assert run.time_s - run.time_s[0] == pytest.approx(period_s * (count - count[0]))
+    assert "roll_over" in by_code(run.findings)
+    assert len(run.gaps) == 3
+
+
+def test_a_counter_of_samples_shows_lost_ones_beside_a_stated_period() -> None:
+    count = 60_000 + np.delete(np.arange(20_000), [70, 5000, 5001, 6000])
+    gyro = np.random.default_rng(1).standard_normal(len(count))
+    table = pd.DataFrame({"n": count % 2**16, "gyro_deg_h": gyro, "temperature_block_degC": 20 + 0.001 * np.arange(len(count))})
+    run = rlg.recording(table, period_s=0.01)
+    assert by_code(run.findings)["lost_by_counter"].message.data == {"source": "n", "lost": 4, "of": 20_000}
+    assert run.time_s == pytest.approx(0.01 * (count - count[0]))
+    for column in (np.arange(len(count)), np.random.default_rng(2).integers(0, 2**16, len(count)), np.full(len(count), 3)):
+        run = rlg.recording(table.assign(n=column), period_s=0.01)
+        assert "lost_by_counter" not in by_code(run.findings)
+        assert run.time_s == pytest.approx(0.01 * np.arange(len(count)))

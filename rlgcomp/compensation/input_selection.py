@@ -33,11 +33,11 @@ _OVERLAP: Final = 0.5  # share of a run within the range of the others
 _MOST_PAIRED: Final = 8  # further monitors that are tried two by two
 _POWER_SCALES: Final = (1.0, 0.5, 0.25)  # prior standard deviations of the coefficients of the powers, as of a wide Gaussian kernel
 _RIDGES: Final = 10.0 ** np.arange(-7.0, 0.0)  # of the number of rows
-_TELLING_RUN: Final = {
-    "gradient": "a run that holds its temperature, or changes it at another rate",
-    "temperature_rate": "a run that cools, or warms at another rate, through the same temperatures",
-    "lag": "a run that holds its temperature after a ramp",
-    "memory": "a run in which the temperature turns",
+_TELLING_RUN: Final = {  # by itself: what differs between runs may as well be their turn-on biases
+    "gradient": "holds its temperature, or changes the rate of its ramp on the way",
+    "temperature_rate": "both warms and cools, or changes the rate of its ramp on the way",
+    "lag": "holds its temperature after a ramp",
+    "memory": "turns from warming to cooling or back",
 }
 
 

@@ -32,7 +32,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Metadata, is_gyro, rate_name
 from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require_sidecar, write_sidecar
 from rlgcomp.recording.formats.dialect import BLANKS, Dialect, decimal_of, entries
-from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping
+from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping, steps_of
 from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
 from rlgcomp.recording.repair.running_sense import RunningSense
 from rlgcomp.recording.repair.running_time import RunningTime
@@ -257,7 +257,9 @@ class StreamCompensator:
         if period_s is not None and not (isinstance(period_s, int | float) and 0.0 < period_s < np.inf):
             raise InputError(f"the sample period is {period_s!r}; it must be a positive number of seconds")
         self.dialect = csv.dialect_of_text([header]) if isinstance(header, str) else header
-        self._time, self._sense, self._begun = RunningTime(), RunningSense(), False
+        converters = steps_of(self.mapping, self.dialect.names)
+        self._time = RunningTime(converters[TIME].size if TIME in converters else None)
+        self._sense, self._begun = RunningSense(), False
         self.usable = 0
         self.left_out: Counter[str] = Counter()
         self._rows = 0

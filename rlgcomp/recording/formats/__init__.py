@@ -21,11 +21,13 @@ import yaml
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, read_text, require_replaceable, require_writable, sha256, whole_file, write_text
-from rlgcomp.recording import TIME, Finding, Metadata, Recording
+from rlgcomp.recording import TIME, Finding, Metadata, Recording, is_gyro
 from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
 from rlgcomp.recording.formats.contents import Contents, require_different
-from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, require_same_rows, source_names
+from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, require_same_rows, source_names, steps_of
 from rlgcomp.recording.repair import UnusableRecordingError, repair
+from rlgcomp.recording.repair.roll_over import numbers_by_counter
+from rlgcomp.report.messages import message
 from rlgcomp.scratch import recover
 from rlgcomp.units import column_unit
 
@@ -156,7 +158,8 @@ def recording_of(
     table, stated_units, by_name = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
     reading += by_name
     if period_s is not None:
-        table = _with_time(table, period_s, name)
+        table, lost = _with_time(table, period_s, name)
+        reading += lost
     if "kind" not in metadata and any(column in table for column in TABLE_COLUMNS):
         merged = dataclasses.replace(merged, kind="turntable")
     try:
@@ -168,6 +171,7 @@ def recording_of(
             simulated=simulated,
             gyro_required=gyro_required,
             sources=source_names(columns, own),
+            converters=steps_of(columns, own),
         )
     except UnusableRecordingError as error:
         raise UnusableRecordingError(name, reading + error.findings) from None
@@ -342,13 +346,18 @@ def _maps_columns(value: Any) -> bool:
     return any(str(target) == TIME or column_unit(str(target)) is not None for target in value)
 
 
-def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> pd.DataFrame:
-    """The table with the time stamps that it lacks."""
+def _with_time(table: pd.DataFrame, period_s: Any, name: str) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+    """The table with the time stamps that it lacks; a finding where a counter of its samples shows that some are lost."""
     if TIME in table:
         raise InputError(f"{name}: has a column {TIME} already; a sample period is for files without one")
     if not (isinstance(period_s, int | float) and 0.0 < period_s < math.inf):
         raise InputError(f"{name}: the sample period is {period_s!r}; it must be a positive number of seconds")
-    return table.assign(**{TIME: period_s * np.arange(len(table))})
+    for column in (str(column) for column in table.columns if not is_gyro(str(column))):
+        number = numbers_by_counter(table[column])
+        if number is not None and (lost := int(number[-1]) + 1 - len(number)):
+            about = message("recording.lost_by_counter", source=column, lost=lost, of=len(number) + lost)
+            return table.assign(**{TIME: period_s * number}), (Finding("repaired", about, TIME),)
+    return table.assign(**{TIME: period_s * np.arange(len(table))}), ()
 
 
 def _format_of(path: Path, *, reading: bool = False) -> ModuleType:

@@ -21,6 +21,7 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, times
+from rlgcomp.recording.repair.context import Step
 from rlgcomp.report.messages import message
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -182,12 +183,14 @@ def _holds_numbers(values: pd.Series) -> bool:
 
 def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> pd.Series:
     """Values of a source in the unit of its target; entries that are no numbers as they are."""
-    if target == TIME and (source.factor, source.offset) == (1.0, 0.0):
+    plain = source.unit is None or units.is_unit(source.unit) or times.is_layout(source.unit)
+    if target == TIME and (source.factor, source.offset) == (1.0, 0.0) and plain:
         return times.of_column(values, source.unit, name=source.column)
     if source.unit is not None and not units.is_unit(source.unit):
         raise InputError(
             f"{target}: unknown unit {source.unit!r} of the column {source.column!r}; state the right one behind its name, as in "
-            f"--map {target}='{source.column} [{wanted}]'; known units are: {units.known()}"
+            f"--map {target}='{source.column} [{wanted}]', a step of a converter as '[0.1 {wanted}]'; known units are: "
+            f"{units.known(wanted)}"
         )
     if source.unit is not None and not units.same_kind(source.unit.removeprefix("-"), wanted):
         raise InputError(_other_kind(source.column, source.unit, wanted, target))
@@ -218,6 +221,28 @@ def source_names(mapping: Mapping[str, str], columns: Collection[str]) -> dict[s
     """
     every = {target: sources_of(columns, str(text), "", parts=target == TIME) for target, text in mapping.items()}
     return {target: sources[0].column for target, sources in every.items() if len(sources) == 1}
+
+
+def steps_of(mapping: Mapping[str, str], columns: Collection[str]) -> dict[str, Step]:
+    """Steps of converters and counters that a mapping states, by target, in its unit.
+
+    Parameters
+    ----------
+    mapping : mapping of str to str
+        Target (contract) name to source.
+    columns : collection of str
+        Of the file.
+    """
+    steps = {}
+    for target, text in mapping.items():
+        wanted = units.column_unit(target)
+        if wanted is None or not has_column(columns, text):
+            continue
+        source, *further = sources_of(columns, text, "", parts=True)
+        if not further and source.factor != 1.0 and source.unit is not None and units.is_unit(source.unit):
+            zero, one = units.convert([source.offset, source.offset + source.factor], source.unit, wanted)
+            steps[target] = Step(float(one - zero), float(zero))
+    return steps
 
 
 def parse_mapping(items: list[str]) -> dict[str, str]:

@@ -14,7 +14,7 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, Metadata, Recording, is_gyro
 from rlgcomp.recording.formats import TABLE_COLUMNS, column_mapping, csv, parquet, read_sidecar
-from rlgcomp.recording.formats.mapping import Source, apply_mapping, require_droppable, source_names, sources_of
+from rlgcomp.recording.formats.mapping import Source, apply_mapping, require_droppable, source_names, sources_of, steps_of
 from rlgcomp.recording.repair import repair
 from rlgcomp.recording.repair.running_time import range_s_between
 from rlgcomp.recording.times import clock_put_forward
@@ -98,7 +98,8 @@ def read_pieces(
     needed = {target: mapping[target] for target in targets if target in mapping}
     sources = [one.column for target in targets for one in _sources(names, mapping.get(target, target), path, target)]
     known = {column: unit for column, unit in file_units.items() if column in sources}
-    first, clock = 0, _RunningClock(path.name)
+    converters = steps_of(needed, names)
+    first, clock = 0, _RunningClock(path.name, converters[TIME].size if TIME in converters else None)
     for table in _joined(_tables(path, list(dict.fromkeys(sources)), rows), rows):
         mapped, stated_units, by_name = apply_mapping(table, needed, name=path.name, file_units=known)
         reading += by_name if not first else ()
@@ -110,6 +111,7 @@ def read_pieces(
             name=f"{path.name}, rows from {first}",
             stated_units=stated_units,
             sources=source_names(needed, list(table.columns)),
+            converters=converters,
         )
         whole = whole.assign(**{TIME: clock.running(whole[TIME].to_numpy(), findings, first)})
         first += len(table)
@@ -120,8 +122,8 @@ def read_pieces(
 class _RunningClock:
     """Time that runs on from piece to piece: dates count from the first of all, and clocks that begin again are undone."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, name: str, count_s: float | None) -> None:
+        self._name, self._count_s = name, count_s
         self._began: pd.Timestamp | None = None
         self._range_s: float | None = None  # of the clock that began again last
         self._turned_s = 0.0
@@ -173,7 +175,7 @@ class _RunningClock:
 
     def _fall_s(self, first_s: float) -> float:
         """Range of the clock that begins again between two pieces; zero where none does."""
-        range_s = range_s_between(self._raw_last_s, first_s, dates=self._began is not None)
+        range_s = range_s_between(self._raw_last_s, first_s, dates=self._began is not None, count_s=self._count_s)
         if not range_s and self._range_s and 0.0 < first_s + self._range_s - self._raw_last_s < 0.5 * self._range_s:
             range_s = self._range_s
         return range_s

@@ -24,7 +24,7 @@ from rlgcomp.recording.repair.channels import (
     stuck_thermometers,
 )
 from rlgcomp.recording.repair.clock import sampling, time_order, time_unit, unusual_period
-from rlgcomp.recording.repair.context import Context
+from rlgcomp.recording.repair.context import Context, Step
 from rlgcomp.recording.repair.entries import LARGEST_VALUE as LARGEST_VALUE
 from rlgcomp.recording.repair.entries import LONGEST_HOLD_S as LONGEST_HOLD_S
 from rlgcomp.recording.repair.entries import READOUTS as READOUTS
@@ -93,6 +93,7 @@ def repair(
     simulated: bool = False,
     gyro_required: bool = True,
     sources: Mapping[str, str] | None = None,
+    converters: Mapping[str, Step] | None = None,
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -112,6 +113,8 @@ def repair(
         Whether a table without a gyro is refused; one of monitors alone may be merged into another.
     sources : mapping of str to str, optional
         The file's own names of mapped columns, for messages.
+    converters : mapping of str to Step, optional
+        Stated steps of the converters and counters that columns hold.
 
     Returns
     -------
@@ -124,7 +127,12 @@ def repair(
         A fault cannot be repaired without guessing; the error lists every finding with its place and what to do.
     """
     context = Context(
-        metadata, stated_units, simulated or PREDICTED in metadata.notes, gyro_required=gyro_required, sources=sources or {}
+        metadata,
+        stated_units,
+        simulated or PREDICTED in metadata.notes,
+        gyro_required=gyro_required,
+        sources=sources or {},
+        converters=converters or {},
     )
     for check in CHECKS:
         table = check(table, context)

@@ -22,6 +22,7 @@ PRINTED: Final = 1e-7  # of the greatest value: smaller changes are the last pri
 FEWEST_PULSES: Final = 100.0  # of a running sum, and rows
 ONE_WAY: Final = 0.9  # of all steps, less those back; counts of a steady rate step up and down alike
 FOLLOWS: Final = 0.9  # of the variance
+MOST_CONSTANT: Final = 3  # columns with a finding each
 
 
 def stuck_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -144,9 +145,16 @@ def encoder_wrap(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 
 
 def constant_columns(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    for column, extent in context.extents(table).items():
-        if column not in (TIME, *ENCODERS) and not (is_gyro(column) or is_compensation(column)) and extent.least == extent.greatest:
-            context.add("noted", message("recording.constant_column", value=table[column].iloc[0]), column)
+    constant = [
+        column
+        for column, extent in context.extents(table).items()
+        if column not in (TIME, *ENCODERS) and not (is_gyro(column) or is_compensation(column)) and extent.least == extent.greatest
+    ]
+    if len(constant) > MOST_CONSTANT:
+        context.add("noted", message("recording.constant_columns", columns=constant, count=len(constant)))
+        return table
+    for column in constant:
+        context.add("noted", message("recording.constant_column", value=table[column].iloc[0]), column)
     return table
 
 

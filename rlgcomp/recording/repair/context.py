@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,13 @@ from rlgcomp.report.messages import Message
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 FEW: Final = 0.001  # share of rows that may be out of order and still be repaired
+
+
+class Step(NamedTuple):
+    """Size of one count of a converter or counter, and the value of none, in the column's unit."""
+
+    size: float
+    zero: float
 
 
 @dataclasses.dataclass
@@ -36,6 +43,8 @@ class Context:
         Whether a table without a gyro is refused.
     sources : mapping of str to str
         The file's own names of mapped columns, for messages.
+    converters : mapping of str to Step
+        Stated steps of the converters and counters that columns hold.
     """
 
     metadata: Metadata
@@ -44,6 +53,7 @@ class Context:
     findings: list[Finding] = dataclasses.field(default_factory=list)
     gyro_required: bool = True
     sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    converters: Mapping[str, Step] = dataclasses.field(default_factory=dict)
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
     _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None

@@ -15,6 +15,8 @@ from rlgcomp.recording.repair.context import FEW, Array, Context
 from rlgcomp.report.messages import message
 
 NEAR_THE_END: Final = 0.02  # of a clock's range, or three samples: so close to its ends are the stamps around a roll-over
+_ONE_BY_ONE: Final = 0.9  # of the steps of a counter of samples
+_BITS: Final = (8, 16, 32)  # of such counters
 _AFTER: Final = 5  # samples that stay near the beginning after it: one alone is a fault of the stamp
 _SEVERAL: Final = 3  # falls of a short clock that began at zero: with fewer, further runs may begin there
 
@@ -43,22 +45,33 @@ class Clock:
     apart_s: float = 0.0
 
 
-CLOCKS: Final = (
+_CLOCKS: Final = (
     Clock("midnight", units.SECONDS_PER_DAY),
     Clock("the GPS week", 7.0 * units.SECONDS_PER_DAY),
     Clock("2^32 us", 2.0**32 * 1e-6),
     Clock("2^32 ms", 2.0**32 * 1e-3),
-    Clock("2^32 counts", 2.0**32),
     Clock("2^31 us", 2.0**31 * 1e-6),
     Clock("2^31 ms", 2.0**31 * 1e-3),
     Clock("12 hours", 0.5 * units.SECONDS_PER_DAY, anywhere=True, apart_s=0.45 * units.SECONDS_PER_DAY),
     Clock("one hour, as daylight saving ends", units.SECONDS_PER_HOUR, anywhere=True, apart_s=300.0 * units.SECONDS_PER_DAY),
-    Clock("2^16 counts", 2.0**16, short=True),
     Clock("2^16 ms", 2.0**16 * 1e-3, short=True),
     Clock("2^32 ns", 2.0**32 * 1e-9, short=True),
     Clock("the hour", units.SECONDS_PER_HOUR, short=True),
     Clock("the minute", units.SECONDS_PER_MINUTE, short=True),
 )
+
+
+def clocks(count_s: float | None = None) -> tuple[Clock, ...]:
+    """All clocks that begin again.
+
+    Parameters
+    ----------
+    count_s : float, optional
+        Stated seconds of a count of a counter; without it a count is taken for a second, and further runs may begin at zero.
+    """
+    scale = 1.0 if count_s is None else count_s
+    long, short = Clock("2^32 counts", scale * 2.0**32), Clock("2^16 counts", scale * 2.0**16, short=count_s is None)
+    return (*_CLOCKS, long, short)
 
 
 def roll_overs(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -72,7 +85,8 @@ def roll_overs(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if not len(falls) or not (steps > 0.0).any():
         return table
     period_s = float(np.median(steps[steps > 0.0]))
-    fitting = [(clock, _of_clock(time_s[known], falls, period_s, clock)) for clock in CLOCKS]
+    count_s = abs(context.converters[TIME].size) if TIME in context.converters else None
+    fitting = [(clock, _of_clock(time_s[known], falls, period_s, clock)) for clock in clocks(count_s)]
     clock, rows = max(fitting, key=lambda pair: len(pair[1]))
     if not len(rows) or len(falls) - len(rows) > max(3, FEW * len(known)):  # rows out of order, as time_order will say
         return table
@@ -83,6 +97,23 @@ def roll_overs(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     code = message("recording.roll_over", times=len(rows), clock=clock.name, range_s=clock.range_s)
     context.add("repaired", code, TIME, known[rows[0] + 1])
     return table.assign(**{TIME: running})
+
+
+def numbers_by_counter(values: pd.Series) -> npt.NDArray[np.int64] | None:
+    """Numbers of samples from the first, by a column that counts them and may begin again at zero; None where it is no counter."""
+    if not pd.api.types.is_numeric_dtype(values) or values.hasnans or len(values) < 2 * _AFTER:
+        return None
+    numbers = values.to_numpy(dtype=np.float64)
+    if not (numbers == np.rint(numbers)).all() or not (0.0 <= numbers.min() and numbers.max() < 2.0**53):
+        return None
+    steps = np.diff(numbers.astype(np.int64))
+    if (steps < 0).any():
+        bits = next((bits for bits in _BITS if numbers.max() < 2.0**bits), None)
+        if bits is None or numbers.max() < (1.0 - NEAR_THE_END) * 2.0**bits:
+            return None
+        steps = np.where(steps < 0, steps + 2**bits, steps)
+    counts = (steps >= 1).all() and (steps == 1).mean() >= _ONE_BY_ONE and steps.max() < len(steps)
+    return np.r_[0, np.cumsum(steps)] if counts else None
 
 
 def _of_clock(time_s: Array, falls: npt.NDArray[np.intp], period_s: float, clock: Clock) -> npt.NDArray[np.intp]:

@@ -7,14 +7,21 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.recording.repair.context import Array
-from rlgcomp.recording.repair.roll_over import CLOCKS, NEAR_THE_END
+from rlgcomp.recording.repair.roll_over import NEAR_THE_END, clocks
 from rlgcomp.recording.times import seconds_of
 
 
 class RunningTime:
-    """Seconds of consecutive batches of one time column: dates count from the first of them all."""
+    """Seconds of consecutive batches of one time column: dates count from the first of them all.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    count_s : float, optional
+        Stated seconds of a count, where the time is a counter.
+    """
+
+    def __init__(self, count_s: float | None = None) -> None:
+        self._count_s = count_s
         self._first: pd.Timestamp | None = None
         self._last_s = np.nan  # as recorded
         self._turned_s = 0.0
@@ -45,13 +52,13 @@ class RunningTime:
             if np.isnan(now_s):
                 continue
             if now_s < self._last_s:
-                self._turned_s += range_s_between(self._last_s, now_s, dates=self._first is not None)
+                self._turned_s += range_s_between(self._last_s, now_s, dates=self._first is not None, count_s=self._count_s)
             self._last_s = now_s
             running[row] = now_s + self._turned_s
         return running
 
 
-def range_s_between(before_s: float, after_s: float, *, dates: bool) -> float:
+def range_s_between(before_s: float, after_s: float, *, dates: bool, count_s: float | None = None) -> float:
     """Range of the clock that begins again between two times; zero where none does.
 
     Parameters
@@ -59,11 +66,13 @@ def range_s_between(before_s: float, after_s: float, *, dates: bool) -> float:
     before_s, after_s : float
     dates : bool
         They come from dates, of which only an hour can be put back.
+    count_s : float, optional
+        Stated seconds of a count, where the time is a counter.
     """
     if dates:
         fall_s = before_s - after_s
         return units.SECONDS_PER_HOUR if 0.9 * units.SECONDS_PER_HOUR < fall_s < units.SECONDS_PER_HOUR else 0.0
-    for clock in CLOCKS:
+    for clock in clocks(count_s):
         near_s = NEAR_THE_END * clock.range_s
         if not (clock.anywhere or clock.short) and 0.0 <= clock.range_s - before_s <= near_s and 0.0 <= after_s <= near_s:
             return clock.range_s

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
-from rlgcomp.recording.repair.context import Array, Context, Mask
+from rlgcomp.recording.repair.context import Array, Context, Mask, Step
 from rlgcomp.report.messages import message
 
 ABSOLUTE_ZERO_DEGC: Final = -273.15
@@ -24,18 +24,21 @@ _MODULI: Final = (2.0**32, 2.0**16, 2.0**8)
 CLOSE: Final = 0.02  # of the modulus: steps besides the jumps are smaller
 _ROOM_DEGC: Final = 20.0
 _OF_BYTES: Final = ("_degC", "_pulses")  # what counters of a byte hold; 0 and 255 of others are a switch
+_WHOLE: Final = 0.05  # of a step: so far are values from whole steps by rounding
 _EMPTY: Final = 0.5  # of the range, about its middle, has a value where numbers were not small and of both signs
 _FEWEST_GROUPS: Final = 50
 _IN_GROUPS: Final = 0.995  # of the changes come after a whole number of rows
 _MOST_TIMES: Final = 1000
 _PROBES: Final = 1000  # values that nearly always show that a column is no such counter
-_CLOSE_TO_ENDS: Final = 0.02 * 2.0**16
+_NEAR_MIDDLE: Final = 0.005  # of half the range, from its middle
+_FEWEST_JUMPS: Final = 3  # between the ends of the range of a converter of neither 16 nor 32 bits
+_FEWEST_AT_AN_END: Final = 3  # values that differ there: with fewer it is a switch
 _SOME: Final = 1 << 14  # values that show the step of a converter
 _FEW_IMPOSSIBLE: Final = 0.2  # of a thermometer's values: more are another quantity or unit
 
 
 def counter_overflows(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    """Let columns that jump by 2^8, 2^16 or 2^32 run on, as of a counter that was read without its sign."""
+    """Let columns that jump by 2^8, 2^16 or 2^32 run on, and those of a converter that was read without its sign have it."""
     changed = {}
     for column in _measured(table):
         values = table[column].to_numpy()
@@ -43,7 +46,14 @@ def counter_overflows(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         least, greatest = extent.least, extent.greatest
         if extent.missing and np.isfinite(values).any():
             least, greatest = float(np.nanmin(values)), float(np.nanmax(values))
-        for modulus in (*moduli_of(column), *_modulus_in_steps(values, least, greatest)):
+        signed = _with_sign(values, least, greatest, context.converters.get(column, Step(0.0, 0.0)))
+        if signed is not None:
+            jumps, modulus, changed[column] = signed
+            context.add("repaired", message("recording.counter_overflow", jumps=len(jumps), modulus=modulus), column, jumps[0] + 1)
+            continue
+        if is_gyro(column):
+            _note_offset_binary(column, least, greatest, context)
+        for modulus in moduli_of(column):
             spread = greatest - least
             if not 0.9 * modulus <= spread < (1.0 + CLOSE) * modulus:
                 continue
@@ -61,10 +71,18 @@ def moduli_of(column: str) -> tuple[float, ...]:
     return _MODULI if column.endswith(_OF_BYTES) else _MODULI[:-1]
 
 
-def _modulus_in_steps(values: Array, least: float, greatest: float) -> tuple[float, ...]:
-    """The range of a converter of 16 bits in the column's unit, where small numbers of both signs are read without theirs.
+def _with_sign(values: Array, least: float, greatest: float, stated: Step) -> tuple[npt.NDArray[np.intp], float, Array] | None:
+    """Rows before the jumps, modulus and signed values of a converter's numbers of both signs that are read without theirs.
 
-    All values are then whole steps, and fill the two ends of the range alone.
+    All values are whole steps, and lie near the two ends of a range of 2^8 to 2^32 steps alone. None of any other values.
+
+    Parameters
+    ----------
+    values : ndarray
+    least, greatest : float
+        Of them.
+    stated : Step
+        Of the converter; of size zero where it is not known.
     """
     middle = 0.5 * (least + greatest)
     near = 0.5 * (1.0 - _EMPTY) * (greatest - least)
@@ -72,16 +90,42 @@ def _modulus_in_steps(values: Array, least: float, greatest: float) -> tuple[flo
     def inside(some: Array) -> bool:
         return bool((np.abs(some - middle) < near).any())
 
-    if not 0.0 <= least < greatest < np.inf or inside(values[:: max(1, len(values) // _PROBES)]) or inside(values):
-        return ()
-    known = np.unique(values[np.isfinite(values)][:_SOME])
-    if len(known) < 3:  # a switch
-        return ()
-    step = float(np.diff(known).min())
-    counts = known / step
-    whole = float(np.abs(counts - np.rint(counts)).max()) < 0.05
-    ends = least <= _CLOSE_TO_ENDS * step and 2.0**16 - _CLOSE_TO_ENDS <= greatest / step < 2.0**16
-    return (step * 2.0**16,) if whole and ends else ()
+    if not least < greatest < np.inf or inside(values[:: max(1, len(values) // _PROBES)]) or inside(values):
+        return None
+    rows = np.flatnonzero(np.isfinite(values))
+    known = np.unique(values[rows])
+    size = stated.size or _step_of(known)
+    counts = np.sort((known - stated.zero) / size)
+    if not (np.abs(counts - np.rint(counts)).max() <= _WHOLE and counts[0] >= -_WHOLE and 2.0**7 <= counts[-1] < 2.0**32):
+        return None
+    bits = float(np.ceil(np.log2(counts[-1] + 0.5)))
+    modulus = abs(size) * 2.0**bits
+    if counts[0] + counts[-1] < 0.9 * 2.0**bits:
+        return None
+    jumps = rows[np.flatnonzero(np.abs(np.diff(values[rows])) > 0.5 * modulus)]
+    ends = min(int((known > middle).sum()), int((known < middle).sum()))
+    plain = bits in (16.0, 32.0)
+    if len(jumps) < (1 if plain else _FEWEST_JUMPS) or ends < (2 if plain else _FEWEST_AT_AN_END):
+        return None
+    upper = values > middle if size > 0.0 else values < middle
+    return jumps, modulus, np.where(upper, values - size * 2.0**bits, values)
+
+
+def _note_offset_binary(column: str, least: float, greatest: float, context: Context) -> None:
+    """Question a gyro whose counts lie about the middle of a range of 2^12 to 2^32 steps: there a converter may have its zero."""
+    step = context.converters.get(column, Step(1.0, 0.0))
+    middle = 0.5 * (least + greatest) / step.size if step.zero == 0.0 else 0.0
+    half = 2.0 ** np.rint(np.log2(middle)) if middle >= 2.0**10 else np.inf
+    if 2.0**11 <= half <= 2.0**31 and abs(middle - half) <= _NEAR_MIDDLE * half and greatest - least < half * abs(step.size):
+        about = message("recording.offset_binary", counts=half, source=context.source(column), zero=0.5 * half)
+        context.add("noted", about, column)
+
+
+def _step_of(known: Array) -> float:
+    """The step of which sorted numbers are multiples: of whole ones their divisor, and else their least difference."""
+    if (known == np.rint(known)).all():
+        return float(np.gcd.reduce(np.diff(known).astype(np.int64)))
+    return float(np.diff(known[:_SOME]).min(initial=np.inf))
 
 
 def _unwrapped(values: Array, modulus: float, centre: float | None) -> tuple[npt.NDArray[np.intp], Array]:

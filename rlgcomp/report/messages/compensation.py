@@ -101,7 +101,9 @@ TEXTS: Final = {
     "physics_left_out": (
         "The simulator's {mechanism} takes no part in the compensation: {reason}. The LS-SVM learns of it what its inputs show."
     ),
-    "not_told_apart": ("{group} is not used: these runs cannot tell its effect apart from that of {company}. {telling_run} would."),
+    "not_told_apart": (
+        "{group} is not used: these runs cannot tell its effect apart from that of {company}. A run that {telling_run} would."
+    ),
     "no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "
         "on {parts} that it has not seen this model is worse than none. Test it on other {parts} with rlgcomp evaluate before it "

@@ -200,6 +200,9 @@ TEXTS: Final = {
         "with [excel] or [mjd] to know the dates"
     ),
     "roll_over": "the clock begins again {times} times, after {clock} ({range_s:.10g} s): undone, it now runs on",
+    "lost_by_counter": (
+        "{source!r} counts the samples and shows that {lost} of {of} are lost: the time is its count times the sample period"
+    ),
     "clock_put_forward": "from {before} to {after} the clock was put forward by an hour: undone",
     "repeated_stamps_spread": (
         "{stamps} time stamps repeat beside a step that has room for them: put back on the clock of {period_s:.6g} s"
@@ -261,6 +264,10 @@ TEXTS: Final = {
     "counter_overflow": (
         "jumps {jumps} times by {modulus:.6g}, as a counter of few bits read without its sign: undone, the values now run on"
     ),
+    "offset_binary": (
+        "lies about {counts:.0f} counts, a power of two: a converter has its zero there where it counts in offset binary; if so, "
+        "subtract so many steps, as of 0.5 deg/h in '{source} [0.5 deg/h] - {zero:.10g}'"
+    ),
     "impossible_temperatures": (
         "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: they count as missing"
     ),
@@ -281,6 +288,7 @@ TEXTS: Final = {
     ),
     "stuck_thermometer": "stuck for {duration_s:.0f} s while another thermometer moved, rows left out",
     "encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
+    "constant_columns": "{count} columns are constant and can explain no change of the gyro: {columns}",
     "constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
     # merging two loggers
     "merged_stated_clock": (
