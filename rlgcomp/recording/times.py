@@ -32,6 +32,7 @@ _GPS_EPOCH: Final = pd.Timestamp("1980-01-06")
 _EARLIEST_S, _LATEST_S = 3.2e8, 4.1e9  # since 1970: 1980 and 2100, of the dates that a number may stand for
 _FEW_FAULTS, _FAULTY_SHARE = 3, 0.001  # entries of a column of dates that may be none
 _SPRING: Final = (3, 4, 9, 10)  # months in which clocks are put forward, north and south
+_FEWEST_MINUTES: Final = 2  # that begin in a column of hours, minutes and seconds as digits
 _NS_PER_S: Final = 1_000_000_000
 _MONTHS: Final = {
     name: 1 + place
@@ -288,6 +289,23 @@ def compact_dates(values: pd.Series) -> pd.Series | None:
         return None
     dates = pd.to_datetime(text, format="%Y%m%d%H%M%S", errors="coerce")
     return dates.reindex(values.index) if dates.notna().all() else None
+
+
+def compact_clock(values: pd.Series) -> pd.Series | None:
+    """Seconds from midnight of numbers such as 221943.25, whose digits are hours, minutes and seconds; None of any others.
+
+    Seconds that count on pass 60 to 99 of every hundred; these numbers never do, and step over them at each minute.
+    """
+    numbers = values.to_numpy(dtype=np.float64, na_value=np.nan)
+    known = numbers[np.isfinite(numbers)]
+    if not len(known) or not 1e4 <= known[-1] < 24e4:
+        return None
+    minutes, seconds = known // 100.0, known % 100.0
+    if (seconds >= 60.0).any() or (minutes % 100.0 >= 60.0).any() or (minutes >= 2400.0).any():
+        return None
+    if (np.diff(minutes) != 0.0).sum() < _FEWEST_MINUTES or not (np.diff(known) > 0.0).any():
+        return None
+    return 3600.0 * (values // 1e4) + 60.0 * (values // 100.0 % 100.0) + values % 100.0
 
 
 def _assembled(parts: pd.DataFrame, text: pd.Series, order: str | None) -> pd.Series:

@@ -132,7 +132,10 @@ def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target
     InputError
         The unit is of another kind than the target's.
     """
-    if wanted is None or source.column == target or not _holds_numbers(table[source.column]):
+    values = table[source.column]
+    if wanted is None or source.column == target or not _holds_numbers(values):
+        return source
+    if target == TIME and pd.api.types.is_numeric_dtype(values) and times.compact_clock(values) is not None:
         return source
     group = source.column.rpartition("/")[0]  # of a container, where others lie in it
     inside = any(column != source.column and str(column).startswith(f"{group}/") for column in table.columns) if group else False

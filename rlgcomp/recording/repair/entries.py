@@ -13,7 +13,15 @@ import pandas as pd
 
 from rlgcomp.recording import FEWEST_ROWS, TIME, is_gyro
 from rlgcomp.recording.repair.context import FEW, Array, Context, Mask
-from rlgcomp.recording.times import AmbiguousDatesError, clock_put_forward, compact_dates, dates_of, epoch_unit, seconds_of
+from rlgcomp.recording.times import (
+    AmbiguousDatesError,
+    clock_put_forward,
+    compact_clock,
+    compact_dates,
+    dates_of,
+    epoch_unit,
+    seconds_of,
+)
 from rlgcomp.report.messages import message
 from rlgcomp.units import SECONDS_PER_HOUR
 
@@ -108,8 +116,10 @@ def _as_numbers(values: pd.Series) -> np.ndarray:
 
 def _seconds(values: pd.Series, context: Context) -> pd.Series:
     """Dates as seconds from the first, clock times as seconds from midnight; anything else as it is."""
-    compact = compact_dates(values) if pd.api.types.is_numeric_dtype(values) else None
-    read = seconds_of(values if compact is None else compact)
+    numeric = pd.api.types.is_numeric_dtype(values)
+    compact = compact_dates(values) if numeric else None
+    clock_s = compact_clock(values) if numeric and TIME not in context.stated_units else None
+    read = (clock_s, None) if clock_s is not None else seconds_of(values if compact is None else compact)
     if read is None:
         return values
     seconds, first = read
