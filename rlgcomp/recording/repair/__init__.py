@@ -23,7 +23,7 @@ from rlgcomp.recording.repair.channels import (
     stuck_monitors,
     stuck_thermometers,
 )
-from rlgcomp.recording.repair.clock import rounded_stamps, sampling, time_order, time_unit, unusual_period
+from rlgcomp.recording.repair.clock import sampling, time_order, time_unit, unusual_period
 from rlgcomp.recording.repair.context import Context, Step
 from rlgcomp.recording.repair.entries import LARGEST_VALUE as LARGEST_VALUE
 from rlgcomp.recording.repair.entries import LONGEST_HOLD_S as LONGEST_HOLD_S
@@ -44,7 +44,6 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     time_unit,
     roll_overs,
     time_order,
-    rounded_stamps,
     error_values,
     counter_overflows,
     impossible_temperatures,

@@ -6,7 +6,6 @@ import bisect
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.recording import FEWEST_ROWS, TIME
@@ -20,13 +19,6 @@ SHORTEST_PERIOD_S: Final = 2e-5
 LONGEST_PERIOD_S: Final = 300.0
 _DAYS: Final = (20_000.0, 100_000.0)  # of spreadsheets and Julian days without their first digits, from 1954 and 1913 on
 _FEW_DAYS: Final = 30.0
-_BLOCK: Final = 256  # stamps that show how evenly they follow each other
-_MOST_STEPS: Final = 64  # different steps of stamps of few digits, gaps included
-_SAME: Final = 1e-4  # of the least step: so much do equal steps differ
-_ROUGHLY: Final = 0.02  # of a digit
-_COARSE: Final = 0.25  # of the period: finer digits hide no step
-_BETWEEN: Final = 0.02  # of a digit, from whole ones
-_EVEN: Final = 0.8  # of the blocks
 
 
 def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
@@ -61,52 +53,6 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     dropped = np.flatnonzero(~keep)
     context.add("repaired", message("recording.time_stamps_left_out", repeated=repeated, backward=backward), TIME, dropped[0])
     return table[keep]
-
-
-def rounded_stamps(table: pd.DataFrame, context: Context) -> pd.DataFrame:
-    """Put stamps that were written with too few digits back on an even clock, where that explains them all; else refuse them."""
-    extent = context.steps(table)
-    if len(table) < FEWEST_ROWS or extent.greatest <= 1.25 * extent.least:
-        return table
-    time_s = table[TIME].to_numpy()
-    first_s = np.diff(time_s[:_BLOCK])
-    if first_s.max() <= 1.25 * first_s.min():  # too few digits show at once
-        return table
-    digit_s = _last_digit_s(np.diff(time_s), extent.least)
-    if digit_s is None or _departure_s(time_s[None, :_BLOCK])[0] > digit_s:
-        return table
-    blocks = time_s[: len(time_s) // _BLOCK * _BLOCK].reshape(-1, _BLOCK) if len(time_s) >= _BLOCK else time_s[None]
-    period_s = float(np.median((blocks[:, -1] - blocks[:, 0]) / (blocks.shape[1] - 1)))
-    between = abs(period_s / digit_s - np.rint(period_s / digit_s)) > _BETWEEN  # lost samples leave whole steps between
-    if digit_s < _COARSE * period_s or not between or np.mean(_departure_s(blocks) <= digit_s) < _EVEN:
-        return table
-    departure_s = float(_departure_s(time_s[None])[0])
-    period_s = float(np.polyfit(np.arange(len(time_s)), time_s - time_s[0], 1)[0])
-    if departure_s > digit_s:
-        context.add("refused", message("recording.time_rounded", digit_s=digit_s, period_s=period_s), TIME)
-        return table
-    context.add("repaired", message("recording.rounded_stamps", digit_s=digit_s, period_s=period_s), TIME)
-    return table.assign(**{TIME: time_s[0] + period_s * np.arange(len(time_s))})
-
-
-def _last_digit_s(steps_s: Array, least_s: float) -> float | None:
-    """The step of which the steps of time are few and small multiples; None of any other steps."""
-    different = np.unique(np.rint(steps_s / (_SAME * least_s))) * (_SAME * least_s)
-    if not 1 < len(different) <= _MOST_STEPS:
-        return None
-    digit_s = min(float(np.diff(different).min()), float(different[0]))
-    multiples = different / digit_s
-    if np.abs(multiples - np.rint(multiples)).max() > _ROUGHLY:
-        return None
-    return float(np.median(steps_s / np.rint(steps_s / digit_s)))
-
-
-def _departure_s(times_s: npt.NDArray[np.float64]) -> Array:
-    """Range of the residual of each row from its straight line, less what rounding errors of numbers may add."""
-    number = np.arange(times_s.shape[1]) - 0.5 * (times_s.shape[1] - 1)
-    centred = times_s - times_s.mean(axis=1, keepdims=True)
-    residual = centred - np.outer(centred @ number / float(number @ number), number)
-    return np.asarray(np.ptp(residual, axis=1) * (1.0 - _ROUGHLY))
 
 
 def _repeated_stamps_spread(table: pd.DataFrame, context: Context) -> pd.DataFrame:

@@ -207,15 +207,6 @@ TEXTS: Final = {
     "repeated_stamps_spread": (
         "{stamps} time stamps repeat beside a step that has room for them: put back on the clock of {period_s:.6g} s"
     ),
-    "rounded_stamps": (
-        "the steps of the time are multiples of {digit_s:.6g} s at a period of {period_s:.6g} s: written with too few digits; put "
-        "back on an even clock, from which no stamp departs by more than that"
-    ),
-    "time_rounded": (
-        "the steps of the time are multiples of {digit_s:.6g} s at a period of {period_s:.6g} s: written with too few digits, so "
-        "that lost samples are not seen; write more digits (a float of 32 bits has seven), or leave the time out and give the "
-        "sample period with --period-s"
-    ),
     "unusual_period": (
         "a sample every {period_s:.3g} s, {hours:.3g} h in all: if the time is not in seconds, state its unit with "
         "--map time_s='NAME [unit]'"
