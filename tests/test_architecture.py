@@ -137,6 +137,7 @@ def test_every_format_file_is_in_the_list() -> None:
         "channels",
         "contents",
         "dialect",
+        "joining",
         "labview",
         "limits",
         "mapping",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rlgcomp as rlg
@@ -227,3 +230,96 @@ def test_a_period_for_the_one_without_time(tmp_path: Path) -> None:
     refused = runner.invoke(app, ["merge", *files, "--period-s", "1", "--overwrite"])
     assert refused.exit_code == 2
     assert "both have a column time_s" in refused.output
+
+
+# --- files of one logger ----------------------------------------------------------------------------------------------------
+
+
+def whole_run(time: str) -> list[str]:
+    """Lines of a run of 600 s across midnight, with a thermometer of 16 bits that overflows."""
+    rng, rows = np.random.default_rng(5), np.arange(600)
+    stamps = {
+        "seconds": [f"{k}" for k in rows],
+        "milliseconds": [f"{(2**32 - 200_000 + 1000 * k) % 2**32}" for k in rows],
+        "dates": [str(pd.Timestamp("2024-03-11 23:55:00") + pd.Timedelta(seconds=int(k))) for k in rows],
+        "clock times": [str(pd.Timestamp("2024-03-11 23:55:00") + pd.Timedelta(seconds=int(k)))[11:] for k in rows],
+        "none": ["" for _ in rows],
+    }[time]
+    counts = (64_000 + 5 * rows) % 2**16
+    return [f"{t},{w:.6f},{c}" for t, w, c in zip(stamps, rng.normal(size=600), counts, strict=True)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    time=st.sampled_from(["seconds", "milliseconds", "dates", "clock times", "none"]),
+    cuts=st.lists(st.integers(5, 595), min_size=1, max_size=4, unique=True).map(sorted),
+)
+def test_files_of_one_logger_read_as_the_whole_does(tmp_path_factory: pytest.TempPathFactory, time: str, cuts: list[int]) -> None:
+    """Wherever a run is cut, also where a clock begins again."""
+    folder, lines = tmp_path_factory.mktemp("cut"), whole_run(time)
+    cuts = [0, *(cut for k, cut in enumerate(cuts) if cut - ([0, *cuts][k]) > 4), 600]
+    for k, (start, stop) in enumerate(itertools.pairwise(cuts)):
+        (folder / f"{k}.csv").write_text("\n".join(["t,w,T", *lines[start:stop]]) + "\n")
+    (folder / "whole.csv").write_text("\n".join(["t,w,T", *lines]) + "\n")
+    units = {"milliseconds": "t [ms]", "seconds": "t [s]"}
+    columns = {"gyro_deg_h": "w [deg/h]", "temperature_block_degC": "T [0.001 degC]"}
+    columns |= {} if time == "none" else {"time_s": units.get(time, "t")}
+    more = {"columns": columns, "period_s": 1.0 if time == "none" else None}
+    read = rlg.read([folder / f"{k}.csv" for k in range(len(cuts) - 1)], **more)
+    assert np.array_equal(read.table, rlg.read(folder / "whole.csv", **more).table)
+    (finding,) = [one for one in read.findings if one.message.code == "recording.joined"]
+    assert finding.message.data["pause_s"] == (None if time == "none" else pytest.approx(1.0))
+
+
+def parts(folder: Path) -> list[str]:
+    lines = whole_run("seconds")
+    for k in range(3):
+        (folder / f"run_{k}.csv").write_text("\n".join(["time_s,gyro_deg_h,counts", *lines[200 * k : 200 * k + 200]]) + "\n")
+    return [str(folder / f"run_{k}.csv") for k in range(3)]
+
+
+def test_the_command_joins_files(tmp_path: Path) -> None:
+    files, out = parts(tmp_path), tmp_path / "run.parquet"
+    done = CliRunner().invoke(app, ["merge", "--join", *files, "--out", str(out), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["rows"] == 600
+    assert rlg.read(out).time_s == pytest.approx(np.arange(600.0))
+    for arguments, said in (
+        ([files[0], files[2], files[1], "--join"], "run_1.csv begins 399 s before run_2.csv ends; give the files in the order"),
+        ([files[0], files[1]], "join the two with rlgcomp merge --join"),
+        (files, "files that one logger wrote one after another are joined with --join"),
+        ([*files, "--join", "--offset-s", "3"], "--offset-s is for two loggers"),
+    ):
+        refused = CliRunner().invoke(app, ["merge", *arguments, "--out", str(tmp_path / "other.parquet")])
+        assert refused.exit_code == 2
+        assert said in " ".join(refused.output.split())
+        assert not (tmp_path / "other.parquet").exists()
+    folder = CliRunner().invoke(app, ["inspect", str(tmp_path)])
+    assert "rlgcomp merge --join" in " ".join(folder.output.split())
+
+
+def test_half_hours_in_the_wrong_order_are_refused(tmp_path: Path) -> None:
+    """Together they fall by an hour, as clocks do that are put back."""
+    for time in ("dates", "seconds"):
+        for k in range(2):
+            seconds = 1800.0 * k + np.arange(1800.0)
+            stamps = pd.Timestamp("2024-10-27 02:00") + pd.to_timedelta(seconds, unit="s") if time == "dates" else seconds
+            gyro = np.random.default_rng(k).normal(size=1800)
+            pd.DataFrame({"time_s": stamps, "gyro_deg_h": gyro}).to_csv(tmp_path / f"{k}.csv", index=False)
+        assert rlg.read([tmp_path / "0.csv", tmp_path / "1.csv"]).duration_s == 3600.0
+        with pytest.raises(rlg.InputError, match=r"0\.csv begins 3599 s before 1\.csv ends"):
+            rlg.read([tmp_path / "1.csv", tmp_path / "0.csv"])
+
+
+def test_files_that_differ_are_no_parts_of_one_recording(tmp_path: Path) -> None:
+    files = parts(tmp_path)
+    lines = Path(files[1]).read_text().splitlines()
+    (tmp_path / "more.csv").write_text("\n".join([lines[0] + ",V", *(f"{line},5" for line in lines[1:])]) + "\n")
+    with pytest.raises(rlg.InputError, match="no parts of one recording: not both have V"):
+        rlg.read([files[0], tmp_path / "more.csv"])
+    (tmp_path / "units.csv").write_text("\n".join([lines[0], "s,deg/s,-", *lines[1:]]) + "\n")
+    with pytest.raises(rlg.InputError, match="state different units of gyro_deg_h, time_s"):
+        rlg.read([files[0], tmp_path / "units.csv"])
+    (tmp_path / "run_1.yaml").write_text("pulse_arcsec: 0.7\n")
+    with pytest.raises(rlg.InputError, match=r"run_0\.csv and run_1\.csv differ in pulse_arcsec"):
+        rlg.read(files)

@@ -66,8 +66,17 @@ def inspect(
 @command("merge")
 def merge(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Recording with the gyro, whose rows and clock are kept.")],
-    other: Annotated[Path, typer.Argument(metavar="OTHER", help="File of another logger of the same run; it need have no gyro.")],
+    others: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="OTHER...", help="File of another logger of the same run, which need have no gyro; with --join, the next files."
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Recording to write.")],
+    join: Annotated[
+        bool,
+        typer.Option("--join", help="The files are one recording, which one logger wrote one after another, in this order."),
+    ] = False,
     offset_s: Annotated[
         float | None,
         typer.Option(
@@ -95,20 +104,42 @@ def merge(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """Files of two loggers of one run as one recording.
+    """Files of one run as one recording: of two loggers, or, with --join, of one logger that began several files.
 
     Each logger has a clock and a period of its own. Offset and drift of the clocks are estimated where both logged one quantity, or
     stated. Only slow channels are interpolated.
-    A .yaml beside each file maps its own columns.
+    A .yaml beside each file maps its own columns; of files that are joined, that beside the first.
 
     Example: `rlgcomp merge gyro.csv thermometers.csv --out run.parquet`
+
+    Example: `rlgcomp merge --join run_001.csv run_002.csv run_003.csv --out run.parquet`
     """
     from rlgcomp.errors import InputError
-    from rlgcomp.recording.formats import write
+    from rlgcomp.recording.formats import read
+    from rlgcomp.recording.formats.mapping import parse_mapping
     from rlgcomp.recording.merge import merge as merge_recordings
 
-    require_recording(out, run, other, overwrite=overwrite)
-    pair = None
+    require_recording(out, run, others, overwrite=overwrite)
+    if join:
+        stated = {"--offset-s": offset_s, "--drift-ppm": drift_ppm, "--shared": shared, "--averaging-s": averaging_s}
+        if clocks := [name for name, value in stated.items() if value is not None]:
+            raise InputError(f"{', '.join(clocks)} is for two loggers; the files of --join have one clock")
+        whole = read(
+            [run, *others],
+            columns=parse_mapping(list(mapping or [])),
+            drop=list(drop or []),
+            metadata={"pulse_arcsec": pulse_arcsec},
+            period_s=period_s,
+            gyro_required=False,
+        )
+        _written(whole, out, overwrite=overwrite, as_json=as_json)
+        return
+    if len(others) > 1:
+        raise InputError(
+            f"{len(others) + 1} files: two loggers are merged at a time; files that one logger wrote one after another are joined "
+            "with --join"
+        )
+    other, pair = others[0], None
     if shared is not None:
         own, equals, theirs = shared.partition("=")
         pair = (own.strip(), theirs.strip() if equals else own.strip())
@@ -116,12 +147,18 @@ def merge(
             raise InputError(f"--shared {shared!r}: expected COLUMN of RUN=COLUMN of OTHER")
     first, second = _read_both(run, other, mapping, drop, pulse_arcsec, period_s)
     merged = merge_recordings(first, second, offset_s=offset_s, drift_ppm=drift_ppm, shared=pair, averaging_s=averaging_s)
-    findings = merged.findings
+    _written(merged, out, overwrite=overwrite, as_json=as_json)
+
+
+def _written(merged: Any, out: Path, *, overwrite: bool, as_json: bool) -> None:
+    """Write a recording and say what was done."""
+    from rlgcomp.recording.formats import write
+
     write(merged, out, overwrite=overwrite)
     if as_json:
-        show_json({"file": str(out), "rows": len(merged), "findings": [finding.to_mapping() for finding in findings]})
+        show_json({"file": str(out), "rows": len(merged), "findings": [finding.to_mapping() for finding in merged.findings]})
         return
-    for finding in findings:
+    for finding in merged.findings:
         notify(f"{merged.name}: {finding}")
     notify(f"{out}: {len(merged)} rows, {', '.join(merged.columns)}")
 

@@ -99,13 +99,16 @@ def merge(
     InputError
         The clocks cannot be compared, the two have less than half of the first's rows in common, or a channel is too fast.
     """
-    clock, findings = _clock(recording, other, offset_s, drift_ppm, shared)
-    time_s = clock.applied(other.time_s)
     twice = [column for column in other.columns if column != TIME and column in recording]
-    findings += [Finding("noted", message("recording.merged_twice", name=recording.name), column) for column in twice]
     channels = [column for column in other.columns if column not in (TIME, *twice)]
     if not channels:
-        raise InputError(f"{other.name} has no channel that {recording.name} lacks: {', '.join(other.columns)}")
+        raise InputError(
+            f"{other.name} has no channel that {recording.name} lacks: {', '.join(other.columns)}; if it goes on where "
+            f"{recording.name} ends, join the two with rlgcomp merge --join"
+        )
+    clock, findings = _clock(recording, other, offset_s, drift_ppm, shared)
+    findings += [Finding("noted", message("recording.merged_twice", name=recording.name), column) for column in twice]
+    time_s = clock.applied(other.time_s)
     inside = _covered(recording, other, time_s)
     findings += _left_out(recording, other, inside)
     rows = recording.time_s[inside]

@@ -24,6 +24,7 @@ from rlgcomp.files import from_yaml, read_text, require_replaceable, require_wri
 from rlgcomp.recording import TIME, Finding, Metadata, Recording, is_gyro
 from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
 from rlgcomp.recording.formats.contents import Contents, require_different
+from rlgcomp.recording.formats.joining import joined, require_same
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, require_same_rows, source_names, steps_of
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.recording.repair.roll_over import numbers_by_counter
@@ -40,7 +41,7 @@ TABLE_COLUMNS: Final = ("table_rate_deg_s", "table_angle_deg")  # what has one w
 
 
 def read(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     *,
     columns: Mapping[str, str] | None = None,
     drop: Sequence[str] = (),
@@ -53,9 +54,10 @@ def read(
 
     Parameters
     ----------
-    path : path
+    path : path, or sequence of them
         A .parquet, .csv, .csv.gz, .h5, .hdf5 or .mat file. A `name.yaml` beside it may hold the metadata and, under `columns:`, a
-        mapping like the one below.
+        mapping like the one below. Several files are one recording that was written one file after another: they have the same
+        columns, and what stands beside the first counts for all.
     columns : mapping of str to str, optional
         Contract name to the file's own name, with its unit where that differs: `{"gyro_deg_h": "Gyro Z [deg/s]"}`.
     drop : sequence of str
@@ -79,11 +81,15 @@ def read(
     InputError
         The file cannot be read or repaired; the message lists all findings.
     """
-    path = Path(path)
-    form = _readable(path)
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(one) for one in path]
+    path = paths[0]
+    forms = [_readable(one) for one in paths]
     sidecar_values = read_sidecar(path)
+    for one in paths[1:]:
+        require_same(sidecar_values, read_sidecar(one), path, one)
     mapping = column_mapping(sidecar_values, path) | dict(columns or {})
-    table, stored, file_units, reading, other = _contents(form, path, list(mapping.values()))
+    parts = [_contents(form, one, list(mapping.values())) for form, one in zip(forms, paths, strict=True)]
+    table, stored, file_units, reading, other = parts[0] if len(parts) == 1 else joined(parts, paths, mapping)
     require_same_rows(mapping, table, other, path.name)
     period_s = sidecar_values.pop("period_s", None) if period_s is None else period_s
     stated = {**stored, **sidecar_values, **{key: value for key, value in (metadata or {}).items() if value is not None}}
@@ -97,7 +103,7 @@ def read(
         period_s=period_s,
         simulated=simulated,
         file_units=file_units,
-        stated_by="the row of units" if form in (csv, excel) else "the unit stated in the file",
+        stated_by="the row of units" if forms[0] in (csv, excel) else "the unit stated in the file",
         reading=reading,
         gyro_required=gyro_required,
     )
@@ -374,13 +380,16 @@ def _suffixes(form: ModuleType, *, reading: bool) -> tuple[str, ...]:
 
 def _readable(path: Path) -> ModuleType:
     """The format of a file that is there and holds something."""
+    if path.is_dir():
+        raise InputError(
+            f"{path} is a folder; give a recording's file; the files of one run that follow each other become one by rlgcomp merge "
+            "--join FILE FILE... --out RUN"
+        )
     form = _format_of(path, reading=True)
     if form is csv:
         recover(path.absolute().parent, reading=path.name)
     if not path.exists():
         raise InputError(f"{path} does not exist")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; give a recording's file")
     if path.stat().st_size == 0:
         raise InputError(f"{path} is empty (0 bytes)")
     return form

@@ -179,6 +179,12 @@ def merged_averaged(columns: list[str], other: str, period_s: float, window_s: f
     return f"{', '.join(columns)} of {other}, read every {period_s:.6g} s, are means over {window_s:.6g} s about each row"
 
 
+def joined(*, files: Sequence[str], rows: Sequence[int], pause_s: float | None) -> str:
+    each = ", ".join(f"{name} ({count} rows)" for name, count in zip(files, rows, strict=True))
+    pause = "" if pause_s is None else f"; the longest step from one to the next is {pause_s:.6g} s"
+    return f"one recording of {len(files)} files: {each}{pause}"
+
+
 TEXTS: Final = {
     # time
     "rows_without_time": "{rows} rows without a time left out",
