@@ -46,6 +46,7 @@ from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.report.messages import Message, message
+from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
@@ -234,30 +235,47 @@ class _Engine:
         """The question with free shapes of the simulator calibrated beside a set; None where that changes little.
 
         Shapes enter by their derivatives, and those that were calibrated to the runs as they are have met what is missing halfway:
-        a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong they have
-        met that as well.
+        a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong, or beside
+        jumps, they have met that as well.
         """
-        if self.turns or not state.members or not any(baseline.free(one, "shape") for one in baseline.simulator.mechanisms):
+        if not self._calibrates(state):
             return None
-        doubted: dict[str, set[str]] = {}
-        for own in filter(None, map(_wrong_number, state.members)):
-            doubted.setdefault(own.mechanism.name, set()).add(own.mechanism.amplitude_parameters()[own.column].name)
-        members = tuple(member for member in state.members if _wrong_number(member) is None)
-        again = self.question(recordings, columns_of(bank, members), doubted)
+        columns, doubted = _fitted_beside(state, bank)
+        again = self.question(recordings, columns, doubted)
         if again[-1].simulator == baseline.simulator:
             return None
+        members = tuple(member for member in state.members if _wrong_number(member) is None)
         sets = (members, *((*members[:k], *members[k + 1 :]) for k in range(len(members))))
-        now, before = (Evidence(one, state.noise, 0.0) for one in (again[0], bank))
+        path = _path(state, bank.data)
+        banks = (Bank(one.data, np.hstack([one.design, path]), one.baseline) for one in (again[0], bank))
+        now, before = (Evidence(one, state.noise, 0.0) for one in banks)
         likelier = any(now.log_evidence(one) > before.log_evidence(one) + _LIKELIER for one in sets)
         return again if likelier or doubted else None
+
+    def _calibrates(self, state: State) -> bool:
+        """Whether shapes of the simulator are free, and something is beside it."""
+        shapes = any(Baseline(self.runs.base).free(one, "shape") for one in self.runs.base.mechanisms)
+        return shapes and not self.turns and bool(state.members or state.telegraph)
+
+    def _calibrated_last(self, state: State, baseline: Baseline, data: Data) -> tuple[State, Baseline]:
+        """A set and the simulator with free shapes where they are beside the set: their derivatives end nearby."""
+        baseline = baseline.linearised(data)
+        if not self._calibrates(state):
+            return state, baseline
+        bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
+        columns, doubted = _fitted_beside(self._in_training(state, bank), bank)
+        found = Baseline.calibrated(self.runs.base, data, columns, doubted)
+        found = dataclasses.replace(found, own=baseline.own).linearised(data, columns)
+        members = tuple(_renewed(member, found.simulator) for member in state.members)
+        return dataclasses.replace(state, members=members), found
 
     def fitted(self, chosen: _Chosen) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
         posterior = chosen.posterior
         decision = decided(posterior)
         data, best = self.data(self.runs.train), _best(posterior, decision)
-        baseline = chosen.beside.linearised(data)
-        alone = baseline if chosen.alone is chosen.beside else chosen.alone.linearised(data)
+        best, baseline = self._calibrated_last(best, chosen.beside, data)
+        alone = baseline if baseline.simulator == chosen.alone.simulator else chosen.alone.linearised(data)
         if self.turns:
             own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
             data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
@@ -388,10 +406,34 @@ class Repeated:
         return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
 
 
+def _fitted_beside(state: State, bank: Bank) -> tuple[Array, dict[str, set[str]]]:
+    """Columns of a set and its path of jumps, beside which shapes are calibrated, and amplitudes that it has as stated wrong."""
+    doubted: dict[str, set[str]] = {}
+    for own in filter(None, map(_wrong_number, state.members)):
+        doubted.setdefault(own.mechanism.name, set()).add(own.mechanism.amplitude_parameters()[own.column].name)
+    members = tuple(member for member in state.members if _wrong_number(member) is None)
+    return np.hstack([columns_of(bank, members), _path(state, bank.data)]), doubted
+
+
+def _path(state: State, data: Data) -> Array:
+    """The jumps beside a set over the white noise, shape (n, 1); (n, 0) without any."""
+    seen = state.telegraph
+    return np.empty((len(data), 0)) if seen is None else seen.path[:, None] * seen.half_step / seen.sigma
+
+
 def _wrong_number(member: Member) -> Own | None:
     """The stated amplitude of the simulator that a member says is wrong; None of another member."""
     lead = member.form.lead[0] if member.form.lead else None
     return lead if isinstance(lead, Own) and lead.column is not None else None
+
+
+def _renewed(member: Member, simulator: Simulator) -> Member:
+    """A member, or one that says a stated amplitude is wrong with the simulator's shapes."""
+    own = _wrong_number(member)
+    if own is None:
+        return member
+    mechanism = next(one for one in simulator.mechanisms if one.name == own.mechanism.name)
+    return Member(dataclasses.replace(member.form, lead=(dataclasses.replace(own, mechanism=mechanism),)), member.size)
 
 
 def _absorbed(region: Region, bank: Bank) -> bool:
