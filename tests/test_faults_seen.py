@@ -141,3 +141,16 @@ def test_a_stated_amplitude_beside_a_free_time_constant(stated_deg_h_K: float) -
     for run in runs[2:]:
         left = run.column("gyro_deg_h") - found.augmented.expected_deg_h(run)
         assert np.std(left) < 1.1 * found.train.noise_floor_rms * np.sqrt(found.train.averaging_s / run.period_s)
+
+
+def test_a_free_time_constant_beside_jumps_is_calibrated_beside_them() -> None:
+    """Calibrated to the runs as they are it met the jumps; what it then left was a gradient, and its stated error a tenth."""
+    lag = {"thermal_lag": {"k_deg_h_K": 0.02, "time_constant_s": 300.0}}
+    runs = recorded("thermal_polynomial", lag, {"random_telegraph": {"half_step_deg_h": 0.2, "dwell_s": 1500.0}})
+    low = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", "thermal_lag"]})
+    found = diagnose(low, runs[:2], runs[2:], only=("thermal_gradient", "temperature_rate", "random_telegraph"), black_box=False)
+    assert [cause.name for cause in found.causes] == ["random_telegraph"]
+    assert found.verdict == "explained"
+    for name, truth in lag["thermal_lag"].items():
+        number = found.recalibration["thermal_lag"][name]
+        assert number.value == pytest.approx(truth, abs=4.0 * number.sd)

@@ -11,14 +11,13 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, Own
+from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.black_box import BlackBox
 from rlgcomp.diagnosis.clocks import clock_regions
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
 from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.evidence import Evidence, Member, columns_of
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.identities import Identity, identities, without_identities
 from rlgcomp.diagnosis.laboratory import thermometer_of
@@ -34,6 +33,7 @@ from rlgcomp.diagnosis.scores import score
 from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.setting import Setting
+from rlgcomp.diagnosis.shapes import columns_beside, doubted, likelier, renewed
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
@@ -46,12 +46,10 @@ from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.report.messages import Message, message
-from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
 _CALIBRATIONS: Final = 2  # of free shapes beside the likeliest set
-_LIKELIER: Final = 3.0  # nats from which on the search is run again with them
 
 
 @one_blas_thread
@@ -194,12 +192,12 @@ class _Engine:
         return () if self.turns else identities(data, self.recorded, self.request.unit)
 
     def question(
-        self, recordings: Sequence[Recording], beside: Array | None = None, doubted: Mapping[str, Collection[str]] | None = None
+        self, recordings: Sequence[Recording], beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
     ) -> tuple[Bank, list[Region], Baseline]:
         """The data, the regions that are weighed, and the simulator calibrated as :meth:`Baseline.calibrated` does."""
         data, simulator = self.data(recordings), self.runs.base
         data.require_windows()
-        baseline = Baseline.calibrated(simulator, data, beside, doubted)
+        baseline = Baseline.calibrated(simulator, data, beside, wrong)
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
             data = with_angle_rows(data, _bases(regions), self.output)
@@ -240,17 +238,11 @@ class _Engine:
         """
         if not self._calibrates(state):
             return None
-        columns, doubted = _fitted_beside(state, bank)
-        again = self.question(recordings, columns, doubted)
+        wrong = doubted(state)
+        again = self.question(recordings, columns_beside(state, bank), wrong)
         if again[-1].simulator == baseline.simulator:
             return None
-        members = tuple(member for member in state.members if _wrong_number(member) is None)
-        sets = (members, *((*members[:k], *members[k + 1 :]) for k in range(len(members))))
-        path = _path(state, bank.data)
-        banks = (Bank(one.data, np.hstack([one.design, path]), one.baseline) for one in (again[0], bank))
-        now, before = (Evidence(one, state.noise, 0.0) for one in banks)
-        likelier = any(now.log_evidence(one) > before.log_evidence(one) + _LIKELIER for one in sets)
-        return again if likelier or doubted else None
+        return again if wrong or likelier(state, again[0], bank) else None
 
     def _calibrates(self, state: State) -> bool:
         """Whether shapes of the simulator are free, and something is beside it."""
@@ -258,16 +250,15 @@ class _Engine:
         return shapes and not self.turns and bool(state.members or state.telegraph)
 
     def _calibrated_last(self, state: State, baseline: Baseline, data: Data) -> tuple[State, Baseline]:
-        """A set and the simulator with free shapes where they are beside the set: their derivatives end nearby."""
+        """A set and the simulator with free shapes where they are beside the set, near where their derivatives end."""
         baseline = baseline.linearised(data)
         if not self._calibrates(state):
             return state, baseline
         bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
-        columns, doubted = _fitted_beside(self._in_training(state, bank), bank)
-        found = Baseline.calibrated(self.runs.base, data, columns, doubted)
-        found = dataclasses.replace(found, own=baseline.own).linearised(data, columns)
-        members = tuple(_renewed(member, found.simulator) for member in state.members)
-        return dataclasses.replace(state, members=members), found
+        beside = columns_beside(self._in_training(state, bank), bank)
+        found = Baseline.calibrated(self.runs.base, data, beside, doubted(state))
+        found = dataclasses.replace(found, own=baseline.own).linearised(data, beside)
+        return renewed(state, found.simulator), found
 
     def fitted(self, chosen: _Chosen) -> Diagnosis:
         """The decision, fitted to the training runs alone."""
@@ -404,36 +395,6 @@ class Repeated:
             runs.append(dataclasses.replace(run, output=run.output + more))
         data = dataclasses.replace(self.bank.data, runs=tuple(runs))
         return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
-
-
-def _fitted_beside(state: State, bank: Bank) -> tuple[Array, dict[str, set[str]]]:
-    """Columns of a set and its path of jumps, beside which shapes are calibrated, and amplitudes that it has as stated wrong."""
-    doubted: dict[str, set[str]] = {}
-    for own in filter(None, map(_wrong_number, state.members)):
-        doubted.setdefault(own.mechanism.name, set()).add(own.mechanism.amplitude_parameters()[own.column].name)
-    members = tuple(member for member in state.members if _wrong_number(member) is None)
-    return np.hstack([columns_of(bank, members), _path(state, bank.data)]), doubted
-
-
-def _path(state: State, data: Data) -> Array:
-    """The jumps beside a set over the white noise, shape (n, 1); (n, 0) without any."""
-    seen = state.telegraph
-    return np.empty((len(data), 0)) if seen is None else seen.path[:, None] * seen.half_step / seen.sigma
-
-
-def _wrong_number(member: Member) -> Own | None:
-    """The stated amplitude of the simulator that a member says is wrong; None of another member."""
-    lead = member.form.lead[0] if member.form.lead else None
-    return lead if isinstance(lead, Own) and lead.column is not None else None
-
-
-def _renewed(member: Member, simulator: Simulator) -> Member:
-    """A member, or one that says a stated amplitude is wrong with the simulator's shapes."""
-    own = _wrong_number(member)
-    if own is None:
-        return member
-    mechanism = next(one for one in simulator.mechanisms if one.name == own.mechanism.name)
-    return Member(dataclasses.replace(member.form, lead=(dataclasses.replace(own, mechanism=mechanism),)), member.size)
 
 
 def _absorbed(region: Region, bank: Bank) -> bool:
