@@ -28,6 +28,7 @@ from rlgcomp.compensation.growing_files import agrees
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.fixed_size import FixedSizeLSSVM
 from rlgcomp.compensation.streaming import StreamCompensator, to_lines
+from rlgcomp.recording.formats.dialect import dialect_of
 
 MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
 ESTIMATORS = {
@@ -170,6 +171,16 @@ def test_lines_with_too_much_are_left_out(model: rlg.Compensator, csv: Path) -> 
     again, stream = fed(model, [*lines[:50], lines[50] + ",1", *lines[50:]], [20])
     assert again == rows
     assert dict(stream.left_out) == {"with more entries than columns": 1}
+
+
+def test_between_blanks_a_line_with_too_little_is_left_out(model: rlg.Compensator, csv: Path) -> None:
+    """It does not show which entry is empty."""
+    lines = [line.replace(",", " ") for line in csv.read_text().splitlines()]
+    stream = StreamCompensator(model, dialect_of(lines[:20]))
+    without = to_lines(stream.feed([*lines[1:50], *lines[51:]]))
+    stream = StreamCompensator(model, dialect_of(lines[:20]))
+    assert to_lines(stream.feed([*lines[1:50], lines[50].rpartition(" ")[0], *lines[51:]])) == without
+    assert dict(stream.left_out) == {"with fewer entries than columns": 1}
 
 
 def test_pulses_names_and_a_calibration_of_ones_own(

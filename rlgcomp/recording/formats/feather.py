@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from rlgcomp.errors import InputError
 from rlgcomp.recording.formats import arrow
-from rlgcomp.recording.formats.contents import Contents
+from rlgcomp.recording.formats.contents import Contents, require_different
 from rlgcomp.recording.formats.limits import require_expandable
 
 SUFFIXES: Final = ()
@@ -27,6 +27,7 @@ def load(path: Path) -> Contents:
         with path.open("rb") as stream:
             modern = stream.read(len(_MAGIC)) == _MAGIC
         table = _checked(path) if modern else feather.read_table(path)
+        require_different(table.schema.names, path)
         table.validate(full=True)  # pandas believes offsets, which a damaged file may point anywhere
         return Contents(arrow.table_of(table), {}, arrow.units_of(table.schema))
     except InputError:
