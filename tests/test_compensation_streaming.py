@@ -476,3 +476,16 @@ def streamed(model: rlg.Compensator, table: pd.DataFrame) -> tuple[pd.DataFrame,
     stream = StreamCompensator(model, ",".join(table.columns))
     lines = to_lines(table)
     return pd.concat([stream.feed(lines[first : first + 50]) for first in range(0, len(lines), 50)], ignore_index=True), stream
+
+
+def test_what_the_name_of_a_mapped_column_states_is_said_of_a_stream(saved: Path, csv: Path, tmp_path: Path) -> None:
+    source, out, expected = tmp_path / "run.csv", tmp_path / "out.csv", tmp_path / "expected.csv"
+    assert follow(saved, csv, "--out", expected)[0] == 0
+    table = pd.read_csv(csv)
+    for name, factor, said in (("w", 1.0, "'w' states no unit that is known"), ("w_mdps", 1.0 / 3.6, "read in mdeg/s")):
+        table.assign(gyro_deg_h=factor * table["gyro_deg_h"]).rename(columns={"gyro_deg_h": name}).to_csv(source, index=False)
+        code, output = follow(saved, source, "--map", f"gyro_deg_h={name}", "--out", out)
+        assert (code, output.count(said)) == (0, 1)
+        first, second = (pd.read_csv(path)["gyro_deg_h"].to_numpy() for path in (expected, out))
+        assert second == pytest.approx(first, rel=1e-6, abs=1e-9)
+        out.unlink()

@@ -29,7 +29,7 @@ from rlgcomp.compensation.correction import calibration_mismatch, corrected_tabl
 from rlgcomp.compensation.growing_files import STANDARD, GrowingInput, GrowingOutput, interruption, require_csv
 from rlgcomp.compensation.start_offset import StartOffset
 from rlgcomp.errors import InputError
-from rlgcomp.recording import TIME, Metadata, is_gyro, rate_name
+from rlgcomp.recording import TIME, Finding, Metadata, is_gyro, rate_name
 from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require_sidecar, write_sidecar
 from rlgcomp.recording.formats.dialect import BLANKS, Dialect, decimal_of, entries
 from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping, steps_of
@@ -184,7 +184,7 @@ def compensate_stream(
                         closing.callback(written.close)
                         stream.begin(dialect, lines)
                         closing.pop_all()
-                for finding in dialect.findings:
+                for finding in (*dialect.findings, *stream.by_name):
                     notify(finding.message)
             rows += written.add(to_lines(stream.feed(lines)))
         if any(line.strip() for line in head) and stream is None:
@@ -224,6 +224,8 @@ class StreamCompensator:
         Rows that gave output.
     changed : Counter
         Values taken as missing, and counters that now run on, by reason.
+    by_name : tuple of Finding
+        Units that names of mapped columns state, or do not, once lines of numbers have begun.
     columns : tuple of str
         Of the output.
 
@@ -260,6 +262,7 @@ class StreamCompensator:
         converters = steps_of(self.mapping, self.dialect.names)
         self._time = RunningTime(converters[TIME].size if TIME in converters else None)
         self._sense, self._begun = RunningSense(), False
+        self.by_name: tuple[Finding, ...] = ()
         self.usable = 0
         self.left_out: Counter[str] = Counter()
         self._rows = 0
@@ -295,7 +298,7 @@ class StreamCompensator:
         if dialect.names != self.dialect.names:
             raise InputError(f"the stream: its columns are {', '.join(dialect.names)} and were {', '.join(self.dialect.names)}")
         self.dialect, self._begun = dialect, True
-        table = self._renamed(csv.parse(lines, self.dialect, "the stream")) if lines else pd.DataFrame()
+        table, self.by_name = self._renamed(csv.parse(lines, self.dialect, "the stream")) if lines else (pd.DataFrame(), ())
         if TIME in table:
             try:
                 RunningTime().seconds(table[TIME])
@@ -335,17 +338,17 @@ class StreamCompensator:
         separator = self.dialect.separator
         return len(entries(line, separator)) if separator == BLANKS else 1 + line.count(separator)
 
-    def _renamed(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The table under the contract's names, in its units."""
+    def _renamed(self, table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+        """The table under the contract's names, in its units, and the findings on units of names."""
         unknown = [column for column in self.drop if column not in table.columns]
         if unknown:
             raise InputError(f"cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
-        return apply_mapping(
-            table.drop(columns=self.drop), self.mapping, name="the stream", file_units=csv.units_of(self.dialect, "the stream")
-        )[0]
+        file_units = csv.units_of(self.dialect, "the stream")
+        renamed = apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream", file_units=file_units)
+        return renamed[0], renamed[2]
 
     def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
-        mapped = self._renamed(table)
+        mapped = self._renamed(table)[0]
         if TIME in mapped and len(mapped):
             mapped = mapped.assign(**{TIME: self._time.seconds(mapped[TIME])})
         numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)

@@ -33,8 +33,10 @@ def suggested_time(columns: Sequence[str], dated: Sequence[str] = ()) -> str:
 
     >>> suggested_time(["Datum", "Uhrzeit", "Kreisel [°/h]"]), suggested_time(["Zeit [ms]", "x"]), suggested_time(["x", "y"])
     ("--map time_s='Datum + Uhrzeit'", "--map time_s='Zeit [ms]'", '')
+    >>> suggested_time(["x", "micros"]), suggested_time(["x", "TimeMS"])
+    ("--map time_s='micros [us]'", "--map time_s='TimeMS [ms]'")
     """
-    times = [column for column in columns if _TIME.fullmatch(_quantity(column))]
+    times = [column for column in columns if not (quantity := _quantity(column)) or _TIME.fullmatch(quantity)]
     dates = [column for column in columns if _DATE.fullmatch(header_unit(column)[0].strip())]
     if len(dated) == 1 and not (dates and times):
         return _option("time_s", dated[0])
@@ -63,10 +65,10 @@ def suggested_gyro(columns: Sequence[str]) -> str:
 
 
 def _quantity(column: str) -> str:
-    """A name without its unit."""
+    """A name without its unit, empty where it is a unit of time and nothing else."""
     name, unit = header_unit(column)
     named = unit_in_name(column, "s") if unit is None else None
-    return named.name or column if named is not None and named.kind == "expected" else name.strip()
+    return named.name if named is not None and named.kind == "expected" else name.strip()
 
 
 def _unit_of(column: str, expected: str) -> str | None:

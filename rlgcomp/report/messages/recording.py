@@ -19,7 +19,9 @@ def time_stamps_left_out(*, repeated: int, backward: int) -> str:
 
 def no_time_column(*, columns: Sequence[str], dated: Sequence[str]) -> str:
     here = suggested_time(columns, dated)
-    general = "map the time with --map time_s='NAME [unit]', of two columns with 'DATE + TIME'"
+    general = (
+        "map the time with --map time_s='NAME [unit]', of two columns with 'DATE + TIME', a counter with its step, 'COUNT [4 ms]'"
+    )
     how = f"map the time, here probably with {here}" if here else general
     return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
 
