@@ -135,7 +135,8 @@ _SPELLINGS: Final[dict[str, str]] = {
     "A": "ampere, amperes, amps",
     "Ohm": "Ω, ohms",
     "G": "gauss",
-    "m/s^2": "m/s2, m/s²",
+    "m/s^2": "m/s2, m/s², mps2",
+    "m/s": "mps",
     "pulses": "pulse",
     "counts": "count",
 }

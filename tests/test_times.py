@@ -360,6 +360,16 @@ def test_stamps_of_too_few_digits_have_the_period_between_their_steps(
         assert "time_in_steps" in by_code(run.findings)
 
 
+@pytest.mark.parametrize("name", ["Time (UTC)", "Zeit [MEZ]", "ts (local)"])
+def test_what_stands_in_brackets_behind_dates_is_no_unit(name: str) -> None:
+    stamps = pd.date_range("2026-03-01 12:00:00", periods=200, freq="s")
+    for written in (stamps, stamps.strftime("%d.%m.%Y %H:%M:%S"), stamps.strftime("%H:%M:%S")):
+        run = rlg.recording(pd.DataFrame({name: written, "gyro_deg_h": GYRO[:200]}), columns={"time_s": name})
+        assert run.time_s - run.time_s[0] == pytest.approx(np.arange(200.0))
+    with pytest.raises(rlg.InputError, match="unknown unit"):
+        rlg.recording(pd.DataFrame({name: np.arange(200.0), "gyro_deg_h": GYRO[:200]}), columns={"time_s": name})
+
+
 def test_hours_minutes_and_seconds_as_digits() -> None:
     seconds = 79_783.0 + 0.25 * np.arange(len(GYRO))
     digits = 1e4 * (seconds % 86_400.0 // 3600.0) + 100.0 * (seconds % 3600.0 // 60.0) + seconds % 60.0

@@ -297,9 +297,9 @@ def compact_clock(values: pd.Series) -> pd.Series | None:
     Seconds that count on pass 60 to 99 of every hundred; these numbers never do, and step over them at each minute.
     """
     numbers = values.to_numpy(dtype=np.float64, na_value=np.nan)
-    known = numbers[np.isfinite(numbers)]
-    if not len(known) or not 1e4 <= known[-1] < 24e4:
+    if not len(numbers) or numbers[-1] < 1e4 or numbers[-1] >= 24e4:
         return None
+    known = numbers[np.isfinite(numbers)]
     minutes, seconds = known // 100.0, known % 100.0
     if (seconds >= 60.0).any() or (minutes % 100.0 >= 60.0).any() or (minutes >= 2400.0).any():
         return None

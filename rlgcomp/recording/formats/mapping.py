@@ -189,6 +189,8 @@ def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> p
     plain = source.unit is None or units.is_unit(source.unit) or times.is_layout(source.unit)
     if target == TIME and (source.factor, source.offset) == (1.0, 0.0) and plain:
         return times.of_column(values, source.unit, name=source.column)
+    if target == TIME and source.unit == units.header_unit(source.column)[1] and not _holds_numbers(values):
+        return values  # dates, behind whose name a zone stands, as in `Time (UTC)`
     if source.unit is not None and not units.is_unit(source.unit):
         raise InputError(
             f"{target}: unknown unit {source.unit!r} of the column {source.column!r}; state the right one behind its name, as in "
