@@ -226,11 +226,12 @@ def test_whole_numbers_at_both_ends_of_a_range_without_jumps_between_them_are_no
     """A level that changes once, a pulse width that is nearly off or nearly on, and values that fill their range."""
     random = np.random.default_rng(6)
     once = np.where(TIME < 1500.0, 0.0, 1000.0) + random.integers(0, 20, ROWS)
+    turning = np.where(TIME % 200.0 > 90.0, 1000.0, 0.0) + random.integers(0, 12, ROWS)  # pulses of a table that stops and goes
     width = np.where(TIME % 200.0 > 90.0, 4095.0, 0.0)
     filled = random.integers(0, 4096, ROWS).astype(float)
-    result, found = repaired(table(once=once, width=width, filled=filled))
+    result, found = repaired(table(once=once, width=width, filled=filled, turning=turning))
     assert "counter_overflow" not in found
-    for name, values in (("once", once), ("width", width), ("filled", filled)):
+    for name, values in (("once", once), ("width", width), ("filled", filled), ("turning", turning)):
         assert (result[name].to_numpy() == values).all()
 
 

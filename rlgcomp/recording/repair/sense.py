@@ -31,6 +31,8 @@ _IN_GROUPS: Final = 0.995  # of the changes come after a whole number of rows
 _MOST_TIMES: Final = 1000
 _PROBES: Final = 1000  # values that nearly always show that a column is no such counter
 _NEAR_MIDDLE: Final = 0.005  # of half the range, from its middle
+_ABOUT_ZERO: Final = 10  # values on either side of zero, of whose usual difference
+_SEAM: Final = 10.0  # times is the most that lies between the least that is not negative and the greatest that is
 _FEWEST_JUMPS: Final = 3  # between the ends of the range of a converter of neither 16 nor 32 bits
 _FEWEST_AT_AN_END: Final = 3  # values that differ there: with fewer it is a switch
 _SOME: Final = 1 << 14  # values that show the step of a converter
@@ -74,7 +76,8 @@ def moduli_of(column: str) -> tuple[float, ...]:
 def _with_sign(values: Array, least: float, greatest: float, stated: Step) -> tuple[npt.NDArray[np.intp], float, Array] | None:
     """Rows before the jumps, modulus and signed values of a converter's numbers of both signs that are read without theirs.
 
-    All values are whole steps, and lie near the two ends of a range of 2^8 to 2^32 steps alone. None of any other values.
+    All values are whole steps, and lie near the two ends of a range of 2^8 to 2^32 steps alone, which they reach: with their sign
+    they are as dense about zero as elsewhere. None of any other values.
 
     Parameters
     ----------
@@ -100,10 +103,12 @@ def _with_sign(values: Array, least: float, greatest: float, stated: Step) -> tu
         return None
     bits = float(np.ceil(np.log2(counts[-1] + 0.5)))
     modulus = abs(size) * 2.0**bits
-    if counts[0] + counts[-1] < 0.9 * 2.0**bits:
+    signed = np.sort(np.where(counts > 0.5 * 2.0**bits, counts - 2.0**bits, counts))
+    negative, apart = int((signed < -_WHOLE).sum()), np.diff(signed)
+    ends = min(negative, len(signed) - negative)
+    if not ends or apart[negative - 1] > _SEAM * np.median(apart[max(0, negative - _ABOUT_ZERO) : negative + _ABOUT_ZERO]):
         return None
     jumps = rows[np.flatnonzero(np.abs(np.diff(values[rows])) > 0.5 * modulus)]
-    ends = min(int((known > middle).sum()), int((known < middle).sum()))
     plain = bits in (16.0, 32.0)
     if len(jumps) < (1 if plain else _FEWEST_JUMPS) or ends < (2 if plain else _FEWEST_AT_AN_END):
         return None
