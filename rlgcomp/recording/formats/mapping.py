@@ -164,11 +164,13 @@ def _other_kind(column: str, unit: str, wanted: str, target: str) -> str:
         how = f"a platinum thermometer's is read by '{column} [{unit} Pt100]' or '{column} [{unit} Pt1000]' (IEC 60751)"
     elif kind == "angle [deg]" and other == "angular rate [deg/h]":
         how = (
-            f"where a row holds the angle turned since the row before, state it times the sample rate, of 100 samples a second as "
-            f"'{column} [100 {unit}/s]'; where the angle runs on, write the differences of its rows"
+            f"where it is a rate, write '{column} [{unit}/s]'; where a row holds the angle turned since the row before, state that "
+            f"times the sample rate, of 100 samples a second as '{column} [100 {unit}/s]'; where the angle runs on, write the "
+            "differences of its rows"
         )
     else:
-        how = f"where it is proportional to that, state the {wanted} that 1 {unit} stands for, as '{column} [0.5 {wanted}] - 40'"
+        offset = " - 40" if other == "temperature [degC]" else ""
+        how = f"where it is proportional to that, state the {wanted} that 1 {unit} stands for, as '{column} [0.5 {wanted}]{offset}'"
     return (
         f"{target}: cannot convert {unit}, the unit of the column {column!r}, to {wanted}: the first is {kind}, the second "
         f"{other}; {how}; where the unit is wrong, state the right one: --map {target}='{column} [{wanted}]'"
