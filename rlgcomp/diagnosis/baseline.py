@@ -172,7 +172,7 @@ class Baseline:
 
     @classmethod
     def calibrated(
-        cls, simulator: Simulator, data: Data, beside: Array | None = None, doubted: Mapping[str, Collection[str]] | None = None
+        cls, simulator: Simulator, data: Data, beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
     ) -> Self:
         """The simulator with its free shapes at their least squares, from the best point of each mechanism's grid on.
 
@@ -182,11 +182,11 @@ class Baseline:
         data : Data
         beside : ndarray, shape (n, r), optional
             Columns that are fitted as well, their weights about as large as the white noise.
-        doubted : mapping of str to collection of str, optional
+        wrong : mapping of str to collection of str, optional
             By mechanism, amplitudes that are stated and may be wrong: shapes are calibrated, and derivatives taken, with them free.
         """
         names_of_runs, less = tuple(run.name for run in data.runs), Less.of(beside)
-        given, free = simulator, {name: simulator.free.get(name, frozenset()) | set(more) for name, more in (doubted or {}).items()}
+        given, free = simulator, {name: simulator.free.get(name, frozenset()) | set(more) for name, more in (wrong or {}).items()}
         simulator = dataclasses.replace(simulator, free={**simulator.free, **free})
         for mechanism in simulator.mechanisms:
             own = cls(simulator)

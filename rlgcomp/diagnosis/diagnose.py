@@ -33,7 +33,7 @@ from rlgcomp.diagnosis.scores import score
 from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.shapes import columns_beside, doubted, likelier, renewed
+from rlgcomp.diagnosis.shapes import columns_beside, likelier, renewed, wrong_amplitudes
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
@@ -238,7 +238,7 @@ class _Engine:
         """
         if not self._calibrates(state):
             return None
-        wrong = doubted(state)
+        wrong = wrong_amplitudes(state)
         again = self.question(recordings, columns_beside(state, bank), wrong)
         if again[-1].simulator == baseline.simulator:
             return None
@@ -256,7 +256,7 @@ class _Engine:
             return state, baseline
         bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
         beside = columns_beside(self._in_training(state, bank), bank)
-        found = Baseline.calibrated(self.runs.base, data, beside, doubted(state))
+        found = Baseline.calibrated(self.runs.base, data, beside, wrong_amplitudes(state))
         found = dataclasses.replace(found, own=baseline.own).linearised(data, beside)
         return renewed(state, found.simulator), found
 

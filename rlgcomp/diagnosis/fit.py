@@ -28,7 +28,6 @@ from rlgcomp.report.messages.wording import estimate_text
 
 Array = npt.NDArray[np.float64]
 _SIDE: Final = 1.0 / 32.0  # step of the grid at which the curvature of the evidence is taken
-_PLACES: Final = 25  # of a function's table
 
 
 @dataclasses.dataclass(frozen=True)
@@ -291,24 +290,6 @@ class Fit:
                 fall = max(here - float(given.gain(form)[at]), 1e-3)
                 spreads.append(abs(moved) / math.sqrt(2.0 * fall))
         return float(np.median(spreads)) if spreads else 0.0
-
-    def function(self, k: int) -> dict[str, list[float]]:
-        """The k-th member as a table of its driver: value, mean and standard deviation of the contribution, about its mean."""
-        _, bases = self.parts[k]
-        path = next((getattr(basis, "path", None) for basis, _ in bases), None)
-        if path is None or path.memory != "none":
-            return {}
-        rows = self.data.of_windows
-        u = self.data.means(path.driver.raw)[rows]
-        table = np.hstack([scale * self.bank.columns(basis) for basis, scale in bases])[rows]
-        table = table - table.mean(axis=0)
-        at = sum(self._width(j) for j in range(k))
-        inside = slice(at, at + self._width(k))
-        places = np.unique(np.argsort(u)[np.linspace(0, len(u) - 1, _PLACES).astype(np.intp)])
-        places = places[np.argsort(u[places])]
-        spread = np.sqrt(np.einsum("ij,jk,ik->i", table[places], self.solution.covariance[inside, inside], table[places]))
-        mean = table[places] @ self.solution.weights[inside]
-        return {"driver": u[places].tolist(), "value": mean.tolist(), "sd": spread.tolist()}
 
 
 def _shapes(mechanism: Mechanism) -> frozenset[str]:

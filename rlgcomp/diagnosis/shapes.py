@@ -24,7 +24,7 @@ def columns_beside(state: State, bank: Bank) -> Array:
     return np.hstack([columns_of(bank, _effects(state)), _path(state, bank.data)])
 
 
-def doubted(state: State) -> dict[str, set[str]]:
+def wrong_amplitudes(state: State) -> dict[str, set[str]]:
     """By mechanism of the simulator, the amplitudes that a set has as stated wrong."""
     found: dict[str, set[str]] = {}
     for own in filter(None, map(_wrong_number, state.members)):
