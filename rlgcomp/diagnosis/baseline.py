@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -88,11 +88,23 @@ class Baseline:
                 total = total + mechanism.basis(binned) @ np.array(known)
         return np.asarray(total)
 
+    def stated_on(self, run: Run) -> Array:
+        """The same on the bins of a run, columns that are not a mechanism's own as they are; shape (bins,)."""
+        total = run.on_bins(self.stated(run.binned))
+        for mechanism in self._stated_of_own():
+            places = [k for k, _ in self.known(mechanism)]
+            known = np.array([float(getattr(mechanism, p.name)) for _, p in self.known(mechanism)])
+            total = total + (self._table(mechanism, run) - run.on_bins(mechanism.basis(run.binned)))[:, places] @ known
+        return np.asarray(total)
+
     def changed(self, run: Run) -> Array:
-        """What calibrated shapes change of what is stated: amplitudes that are known, by shapes that are free; shape (bins,)."""
+        """What is stated beyond what the given simulator states: known amplitudes by shapes that were calibrated; shape (bins,)."""
         if self.given is None:
             return np.zeros(run.bins)
-        return run.on_bins(self.stated(run.binned) - Baseline(self.given).stated(run.binned))
+        return self.stated_on(run) - run.on_bins(Baseline(self.given).stated(run.binned))
+
+    def _stated_of_own(self) -> list[Mechanism]:
+        return [one for one in self.simulator.mechanisms if one.name in self.own and self.known(one)]
 
     def less_stated(self, data: Data) -> Data:
         """The runs less what this simulator states, where that is not what the given one states."""
@@ -100,7 +112,7 @@ class Baseline:
             return data
         given, pairs = Baseline(self.given), zip(self.given.mechanisms, self.simulator.mechanisms, strict=True)
         same = all(not given.known(one) or (one == other and given.known(one) == self.known(other)) for one, other in pairs)
-        return data if same else dataclasses.replace(data, changed=self.changed)
+        return data if same and not self._stated_of_own() else dataclasses.replace(data, changed=self.changed)
 
     def columns(self, run: Run) -> Array:
         """Free columns on the bins of a run, shape (bins, p): a constant, amplitudes, and derivatives by shapes.
@@ -169,6 +181,33 @@ class Baseline:
             at += count
             amplitudes[mechanism.name] = values
         return dataclasses.replace(plain, amplitudes=amplitudes)
+
+    def with_own(self, candidates: Sequence[Mapping[str, Basis]], data: Data, beside: Array | None = None) -> Self:
+        """The same with the likeliest columns of mechanisms that are not computed by themselves, their amplitudes free.
+
+        Parameters
+        ----------
+        candidates : sequence of mapping of str to Basis
+            Of the same mechanisms.
+        data : Data
+        beside : ndarray, shape (n, r), optional
+            As of :meth:`calibrated`.
+        """
+        less, free = Less.of(beside), dict(self.simulator.free)
+        for mechanism in self.simulator.mechanisms:
+            if mechanism.name in candidates[0]:
+                free[mechanism.name] = frozenset(p.name for p in mechanism.amplitude_parameters())
+        freed = dataclasses.replace(self, simulator=dataclasses.replace(self.simulator, free=free), amplitudes={})
+
+        def misfit(own: Mapping[str, Basis]) -> float:
+            tried = dataclasses.replace(freed, own=own)
+            table, output = less(data.means(tried.columns)), less(tried.less_stated(data).output)
+            size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+            left = output - table / size @ np.linalg.lstsq(table / size, output, rcond=1e-10)[0]
+            return float(left @ left)
+
+        best = min(candidates, key=misfit) if len(candidates) > 1 else candidates[0]
+        return dataclasses.replace(self, own=best).linearised(data, beside)
 
     @classmethod
     def calibrated(

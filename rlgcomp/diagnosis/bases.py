@@ -163,13 +163,15 @@ class Product(Basis):
 
 @dataclasses.dataclass(frozen=True)
 class Own(Basis):
-    """The columns of a mechanism, as it states them itself, or one of them."""
+    """The columns of a mechanism, as it states them itself or by another basis, or one of them."""
 
     mechanism: Any
     column: int | None = None
+    basis: Basis | None = None
 
     def columns(self, run: Run) -> Array:
-        table = run.on_bins(self.mechanism.basis(run.binned))
+        basis = self.basis
+        table = run.on_bins(self.mechanism.basis(run.binned)) if basis is None else basis.columns(run) / basis.per_unit()
         return table if self.column is None else table[:, self.column : self.column + 1]
 
     def nearby(self, step: float) -> tuple[Self, ...]:

@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.prepare import SIMULATED, AnySimulator, Prepared
 from rlgcomp.diagnosis.programmes import ChamberRange
 from rlgcomp.diagnosis.record import Request
-from rlgcomp.diagnosis.regions import laws, named, own_bases
+from rlgcomp.diagnosis.regions import OTHER_FORM, laws, named, own_bases
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.scores import score
 from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
@@ -49,6 +49,8 @@ from rlgcomp.report.messages import Message, message
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
+_Question = tuple[Bank, list[Region], Baseline]
+"""The data on their design, the regions that are weighed, and the simulator."""
 _CALIBRATIONS: Final = 2  # of free shapes beside the likeliest set
 
 
@@ -193,7 +195,7 @@ class _Engine:
 
     def question(
         self, recordings: Sequence[Recording], beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
-    ) -> tuple[Bank, list[Region], Baseline]:
+    ) -> _Question:
         """The data, the regions that are weighed, and the simulator calibrated as :meth:`Baseline.calibrated` does."""
         data, simulator = self.data(recordings), self.runs.base
         data.require_windows()
@@ -204,7 +206,7 @@ class _Engine:
         else:
             setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
             present = [mechanism.name for mechanism in simulator.mechanisms]
-            baseline = dataclasses.replace(baseline, own=own_bases(setting, present)).linearised(data, beside)
+            baseline = baseline.with_own(own_bases(setting, present), data, beside)
             regions = list(named(setting, self.candidates, present))
             regions += list(laws(setting, regions))
         data = baseline.less_stated(data)
@@ -218,31 +220,46 @@ class _Engine:
         absorbed = [region.mechanism for region in regions if region.mechanism == region.key and _absorbed(region, bank)]
         messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
         messages += [one.message() for one in self.identities(bank.data)]
-        found, beside = Posterior.of(bank, regions), alone
-        for _ in range(_CALIBRATIONS):
-            again = self._calibrated_beside(found.best, bank, beside, recordings)
-            if again is None:
-                break
-            bank, regions, beside = again
-            found = Posterior.of(bank, regions)
+        question = bank, regions, alone
+        found, (bank, regions, beside) = self._settled(question, recordings)
+        if _other_forms(found.best) and self._calibrates(found.best):
+            plain, question = self._settled(question, recordings, other_forms=False)
+            if plain.best.log_posterior > found.best.log_posterior:
+                found, (bank, regions, beside) = self._settled(question, recordings)
         return _Chosen(found, alone, beside, tuple(messages))
 
-    def _calibrated_beside(
-        self, state: State, bank: Bank, baseline: Baseline, recordings: Sequence[Recording]
-    ) -> tuple[Bank, list[Region], Baseline] | None:
-        """The question with free shapes of the simulator calibrated beside a set; None where that changes little.
+    def _settled(
+        self, question: _Question, recordings: Sequence[Recording], *, other_forms: bool = True
+    ) -> tuple[Posterior, _Question]:
+        """The posterior of a question, or of the one that follows from it by shapes calibrated beside the likeliest set.
+
+        Parameters
+        ----------
+        question : tuple
+        recordings : sequence of Recording
+        other_forms : bool
+            Whether other forms of the simulator's mechanisms are weighed.
+        """
+        for calibration in range(_CALIBRATIONS + 1):
+            bank, regions, baseline = question
+            found = Posterior.of(bank, [one for one in regions if other_forms or not one.key.startswith(OTHER_FORM)])
+            again = self._question_beside(found.best, bank, baseline, recordings) if calibration < _CALIBRATIONS else None
+            if again is None or not (wrong_amplitudes(found.best) or likelier(found.best, again[0], bank)):
+                break
+            question = again
+        return found, question
+
+    def _question_beside(self, state: State, bank: Bank, baseline: Baseline, recordings: Sequence[Recording]) -> _Question | None:
+        """The question with free shapes of the simulator calibrated beside a set; None where they are the same.
 
         Shapes enter by their derivatives, and those that were calibrated to the runs as they are have met what is missing halfway:
         a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong, or beside
-        jumps, they have met that as well.
+        jumps, they have met that as well; and another form of the same mechanism may stand for all of it.
         """
         if not self._calibrates(state):
             return None
-        wrong = wrong_amplitudes(state)
-        again = self.question(recordings, columns_beside(state, bank), wrong)
-        if again[-1].simulator == baseline.simulator:
-            return None
-        return again if wrong or likelier(state, again[0], bank) else None
+        again = self.question(recordings, columns_beside(state, bank), wrong_amplitudes(state))
+        return None if again[-1].simulator == baseline.simulator else again
 
     def _calibrates(self, state: State) -> bool:
         """Whether shapes of the simulator are free, and something is beside it."""
@@ -395,6 +412,11 @@ class Repeated:
             runs.append(dataclasses.replace(run, output=run.output + more))
         data = dataclasses.replace(self.bank.data, runs=tuple(runs))
         return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
+
+
+def _other_forms(state: State) -> bool:
+    """Whether a set has another form of a mechanism of the simulator."""
+    return any(member.form.region.startswith(OTHER_FORM) for member in state.members)
 
 
 def _absorbed(region: Region, bank: Bank) -> bool:

@@ -246,8 +246,8 @@ class Fit:
         """The output predicted at each sample of a recording, in deg/h, shape (n,)."""
         run = Run.of(recording, grid, lambda binned: np.zeros(len(binned)))
         since = recording.time_s - recording.time_s[0] + 0.5 * recording.period_s
-        beyond = self.predicted(run) - self.baseline.changed(run)
-        return np.interp(since, run.elapsed_s, beyond) + self.baseline.stated(recording)
+        given = Baseline(self.baseline.given or self.baseline.simulator)
+        return np.interp(since, run.elapsed_s, self.predicted(run)) + given.stated(recording)
 
     # --- parameters ------------------------------------------------------------------------------------------------------------
 

@@ -66,7 +66,7 @@ class Prediction:
         """What the baseline states and its free columns; made once in a run."""
         kept = run.derived if run.kept is None else run.kept
         if "baseline" not in kept or kept["baseline"][0] is not self.baseline:
-            stated, columns = run.on_bins(self.baseline.stated(run.binned)), self.baseline.columns(run)
+            stated, columns = self.baseline.stated_on(run), self.baseline.columns(run)
             kept["baseline"] = self.baseline, stated, columns
         _, stated, columns = kept["baseline"]
         return stated, columns

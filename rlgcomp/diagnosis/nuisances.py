@@ -42,7 +42,7 @@ def nuisances(data: Data, baseline: Baseline) -> Iterator[Region]:
     stated = [(mechanism, k, p.name) for mechanism in baseline.simulator.mechanisms for k, p in baseline.known(mechanism)]
     for mechanism, k, name in stated:
         key = f"{mechanism.name}:{name}"
-        form = Form(key, f"{name} is not as stated", (Own(mechanism, k),))
+        form = Form(key, f"{name} is not as stated", (Own(mechanism, k, baseline.own.get(mechanism.name)),))
         yield Region(key, None, _ODDS - math.log(len(stated)), (form,), nuisance=True)
 
 

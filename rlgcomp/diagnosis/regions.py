@@ -212,11 +212,13 @@ _ADOPT: Final = {"thermal_hysteresis": as_relays, "mode_hop": as_hops}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
 
 
-def own_bases(setting: Setting, present: Sequence[str]) -> dict[str, Basis]:
-    """Columns of mechanisms that the engine computes itself, for a rate of change has a window that follows from the data."""
-    path = Path.rate(setting.data, setting.temperature)
-    found: dict[str, Basis] = {"temperature_rate": Power(path), "rate_asymmetry": Magnitude(path)}
-    return {name: basis for name, basis in found.items() if name in present}
+def own_bases(setting: Setting, present: Sequence[str]) -> list[dict[str, Basis]]:
+    """Columns of mechanisms that the engine computes itself, for the window of a rate of change follows from the data; of each."""
+    if not {"temperature_rate", "rate_asymmetry"} & set(present):
+        return [{}]
+    paths = Path.rates(setting.data, setting.temperature)
+    found = [{"temperature_rate": Power(path), "rate_asymmetry": Magnitude(path)} for path in paths]
+    return [{name: basis for name, basis in bases.items() if name in present} for bases in found]
 
 
 def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: Sequence[str]) -> Iterator[Region]:

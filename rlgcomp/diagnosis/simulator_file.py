@@ -79,7 +79,7 @@ def residual_of(simulator: Simulator, fit: Fit, run: Run) -> Array:
 
 def _beyond_stated(simulator: Simulator, fit: Fit, run: Run) -> Array:
     """A simulator's prediction of a run less what the given simulator states, shape (bins,)."""
-    stated = run.on_bins(fit.baseline.stated(run.binned)) - fit.baseline.changed(run)
+    stated = fit.baseline.stated_on(run) - fit.baseline.changed(run)
     return run.on_bins_of_rows(simulator.expected_deg_h(run.recording)) - stated
 
 
