@@ -221,6 +221,8 @@ def test_parquet_in_several_row_groups_is_what_pandas_reads(tmp_path: Path) -> N
         found, metadata, _ = parquet.load(path)
         whole = pd.read_parquet(path)
         whole = whole.reset_index() if name == "indexed" else whole
+        if "note" in whole:  # how pandas holds text follows from its version and pyarrow's
+            whole["note"] = whole["note"].astype(found["note"].dtype)
         pd.testing.assert_frame_equal(found[whole.columns], whole)
         assert metadata == {}
 
