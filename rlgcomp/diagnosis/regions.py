@@ -242,7 +242,7 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             if memory != "none" and not setting.has_thermometer:
                 continue
             families = builder(setting)
-            forms = forms_of(key, beyond(families) if name in present else families)
+            forms = forms_of(key, _beyond(families) if name in present else families)
             drivers = () if memory == "none" else setting.temperature.columns
             if name == "thermal_gradient":
                 drivers = mechanism.drivers
@@ -274,7 +274,7 @@ def _has_frequency(mechanism: type[Mechanism]) -> bool:
     return "frequency_hz" in {parameter.name for parameter in mechanism.parameters()}
 
 
-def beyond(families: Iterable[Family]) -> Iterator[Family]:
+def _beyond(families: Iterable[Family]) -> Iterator[Family]:
     """Families, and those of several leading bases without the first, which is what the simulator has."""
     for family in families:
         yield family
@@ -290,7 +290,7 @@ def _of_monitors(setting: Setting, key: str, log_odds: float, mechanism: type[Me
     if one or name in _PAIRS:
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
         families = _monitor(path, setting.data)
-        return Region(key, name, log_odds, forms_of(key, beyond(families) if present else families), columns)
+        return Region(key, name, log_odds, forms_of(key, _beyond(families) if present else families), columns)
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
     smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)
     return Region(key, name, log_odds, forms_of(key, [Family(mechanism.equation, leads, smooth)]), columns)

@@ -36,7 +36,9 @@ def likelier(state: State, now: Bank, before: Bank) -> bool:
     """Whether a set, or one with a member less, is clearly likelier beside one calibrated simulator than beside another."""
     members, path = _effects(state), _path(state, now.data)
     sets = (members, *((*members[:k], *members[k + 1 :]) for k in range(len(members))))
-    banks = (Bank(one.data, np.hstack([one.design, path]), one.baseline) for one in (now, before))
+    banks = [now, before]
+    if state.telegraph is not None:
+        banks = [Bank(one.data, np.hstack([one.design, path]), one.baseline) for one in banks]
     new, old = (Evidence(one, state.noise, 0.0) for one in banks)
     return any(new.log_evidence(one) > old.log_evidence(one) + _LIKELIER for one in sets)
 
