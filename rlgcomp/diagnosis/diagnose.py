@@ -3,55 +3,43 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import Final, Self
+from collections.abc import Callable, Mapping, Sequence
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.black_box import BlackBox
-from rlgcomp.diagnosis.clocks import clock_regions
-from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.case import Case, bases_of
+from rlgcomp.diagnosis.choice import Choice, calibrated_last, in_training
 from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
-from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.identities import Identity, identities, without_identities
-from rlgcomp.diagnosis.laboratory import thermometer_of
 from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.nuisances import nuisances
 from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.prepare import SIMULATED, AnySimulator, Prepared
+from rlgcomp.diagnosis.prepare import AnySimulator, Prepared
 from rlgcomp.diagnosis.programmes import ChamberRange
 from rlgcomp.diagnosis.record import Request
-from rlgcomp.diagnosis.regions import OTHER_FORM, laws, named, own_bases
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.diagnosis.scores import score
 from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
 from rlgcomp.diagnosis.search import Search
-from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.shapes import columns_beside, likelier, renewed, wrong_amplitudes
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Region
-from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
+from rlgcomp.diagnosis.turning import with_angle_rows
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.numerics.compiled import one_blas_thread
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
-from rlgcomp.recording import Recording, rate_name
+from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
-_Question = tuple[Bank, list[Region], Baseline]
-"""The data on their design, the regions that are weighed, and the simulator."""
-_CALIBRATIONS: Final = 2  # of free shapes beside the likeliest set
 
 
 @one_blas_thread
@@ -131,235 +119,72 @@ def diagnose(
     request = dataclasses.replace(request, without=tuple(without), only=tuple(only), seed=seed)
     tell(0.05)
     limits = None if chamber is None else ChamberRange.of(chamber)
-    engine = _Engine(runs, candidates, request, gyro, output, window_s, _measured(noise, output), limits)
-    engine.data([*runs.confirm, *runs.test]).require_a_window()
-    chosen = engine.posterior([*runs.train, *runs.confirm])
+    case = Case(runs, candidates, request, gyro, output, window_s, _measured(noise, output))
+    case.data([*runs.confirm, *runs.test]).require_a_window()
+    chosen = Choice.of(case, [*runs.train, *runs.confirm])
     tell(0.9)
-    found = engine.fitted(chosen)
+    found = _fitted(case, chosen, limits)
     if black_box:
-        found = dataclasses.replace(found, black_box=engine.black_box(found))
+        compensation = BlackBox.of(found.before, case.recorded, case.output, [*found.confirm_runs, *found.test_runs])
+        found = dataclasses.replace(found, black_box=compensation)
     tell(1.0)
     return found
 
 
-@dataclasses.dataclass(frozen=True)
-class _Engine:
-    """The steps of a diagnosis with what they share."""
-
-    runs: Prepared
-    candidates: Mapping[str, type[Mechanism]]
-    request: Request
-    gyro: str | None
-    column: str | None
-    window_s: float | None
-    noise: NoiseModel | None
-    chamber: ChamberRange | None
-    _on_grid: dict[int, tuple[Recording, Run]] = dataclasses.field(default_factory=dict, repr=False)
-
-    @property
-    def grid(self) -> Grid:
-        if self.window_s is None:
-            return Grid.of(self.runs.train, every_sample=self.turns)
-        return Grid.of_window(self.runs.train, self.window_s, every_sample=self.turns)
-
-    @property
-    def turns(self) -> bool:
-        """Whether a table turns."""
-        return self.runs.base.kind == "turntable"
-
-    def recorded(self, binned: Recording) -> Array:
-        """Bin means of the output."""
-        gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
-        return binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
-
-    def output(self, binned: Recording) -> Array:
-        """Bin means of the output less what the simulator states."""
-        known = binned.column(SIMULATED) if self.runs.own else Baseline(self.runs.base).stated(binned)
-        return np.asarray(self.recorded(binned) - known)
-
-    def data(self, recordings: Sequence[Recording]) -> Data:
-        """Recordings on the grid of the training runs."""
-        other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
-        return Data(tuple(self._run(recording, other) for recording in recordings), other, self.noise)
-
-    def _run(self, recording: Recording, other: tuple[str, ...]) -> Run:
-        """A recording on the grid, computed once; columns that are derived from it are not shared."""
-        key = id(recording)
-        if key not in self._on_grid:
-            self._on_grid[key] = recording, Run.of(recording, self.grid, self.output, other)
-        return dataclasses.replace(self._on_grid[key][1], cache={}, derived={})
-
-    def identities(self, data: Data) -> tuple[Identity, ...]:
-        """Columns of which the recorded output is the rate of change or the integral."""
-        return () if self.turns else identities(data, self.recorded, self.request.unit)
-
-    def question(
-        self, recordings: Sequence[Recording], beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
-    ) -> _Question:
-        """The data, the regions that are weighed, and the simulator calibrated as :meth:`Baseline.calibrated` does."""
-        data, simulator = self.data(recordings), self.runs.base
-        data.require_windows()
-        baseline = Baseline.calibrated(simulator, data, beside, wrong)
-        if self.turns:
-            regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
-            data = with_angle_rows(data, _bases(regions), self.output)
-        else:
-            setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
-            present = [mechanism.name for mechanism in simulator.mechanisms]
-            baseline = baseline.with_own(own_bases(setting, present), data, beside)
-            regions = list(named(setting, self.candidates, present))
-            regions += list(laws(setting, regions))
-        data = baseline.less_stated(data)
-        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
-        return bank, without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data)), baseline
-
-    def posterior(self, recordings: Sequence[Recording]) -> _Chosen:
-        """The posterior of all sets, the simulator alone and beside the likeliest set, and messages beside it."""
-        bank, regions, alone = self.question(recordings)
-        absorbed = [region.mechanism for region in regions if region.mechanism == region.key and _absorbed(region, bank)]
-        messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
-        messages += [one.message() for one in self.identities(bank.data)]
-        question = bank, regions, alone
-        found, (bank, regions, beside) = self._settled(question, recordings)
-        if _other_forms(found.best) and self._calibrates(found.best):
-            plain, question = self._settled(question, recordings, other_forms=False)
-            if plain.best.log_posterior > found.best.log_posterior:
-                found, (bank, regions, beside) = self._settled(question, recordings)
-        return _Chosen(found, alone, beside, tuple(messages))
-
-    def _settled(
-        self, question: _Question, recordings: Sequence[Recording], *, other_forms: bool = True
-    ) -> tuple[Posterior, _Question]:
-        """The posterior of a question, or of the one that follows from it by shapes calibrated beside the likeliest set.
-
-        Parameters
-        ----------
-        question : tuple
-        recordings : sequence of Recording
-        other_forms : bool
-            Whether other forms of the simulator's mechanisms are weighed.
-        """
-        for calibration in range(_CALIBRATIONS + 1):
-            bank, regions, baseline = question
-            found = Posterior.of(bank, [one for one in regions if other_forms or not one.key.startswith(OTHER_FORM)])
-            again = self._question_beside(found.best, bank, baseline, recordings) if calibration < _CALIBRATIONS else None
-            if again is None or not (wrong_amplitudes(found.best) or likelier(found.best, again[0], bank)):
-                break
-            question = again
-        return found, question
-
-    def _question_beside(self, state: State, bank: Bank, baseline: Baseline, recordings: Sequence[Recording]) -> _Question | None:
-        """The question with free shapes of the simulator calibrated beside a set; None where they are the same.
-
-        Shapes enter by their derivatives, and those that were calibrated to the runs as they are have met what is missing halfway:
-        a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong, or beside
-        jumps, they have met that as well; and another form of the same mechanism may stand for all of it.
-        """
-        if not self._calibrates(state):
-            return None
-        again = self.question(recordings, columns_beside(state, bank), wrong_amplitudes(state))
-        return None if again[-1].simulator == baseline.simulator else again
-
-    def _calibrates(self, state: State) -> bool:
-        """Whether shapes of the simulator are free, and something is beside it."""
-        shapes = any(Baseline(self.runs.base).free(one, "shape") for one in self.runs.base.mechanisms)
-        return shapes and not self.turns and bool(state.members or state.telegraph)
-
-    def _calibrated_last(self, state: State, baseline: Baseline, data: Data) -> tuple[State, Baseline]:
-        """A set and the simulator with free shapes where they are beside the set, near where their derivatives end."""
-        baseline = baseline.linearised(data)
-        if not self._calibrates(state):
-            return state, baseline
-        bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
-        beside = columns_beside(self._in_training(state, bank), bank)
-        found = Baseline.calibrated(self.runs.base, data, beside, wrong_amplitudes(state))
-        found = dataclasses.replace(found, own=baseline.own).linearised(data, beside)
-        return renewed(state, found.simulator), found
-
-    def fitted(self, chosen: _Chosen) -> Diagnosis:
-        """The decision, fitted to the training runs alone."""
-        posterior = chosen.posterior
-        decision = decided(posterior)
-        data, best = self.data(self.runs.train), _best(posterior, decision)
-        best, baseline = self._calibrated_last(best, chosen.beside, data)
-        alone = baseline if baseline.simulator == chosen.alone.simulator else chosen.alone.linearised(data)
-        if self.turns:
-            own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
-            data = with_angle_rows(data, [*_bases(posterior.regions.values()), *own], self.output)
-        data, data_alone = baseline.less_stated(data), alone.less_stated(data)
-        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
-        bank_alone = bank if alone is baseline else Bank(data_alone, alone.design(data), None if self.turns else alone)
-        before = Fit(data_alone, alone, bank_alone, self._in_training(_without(best, posterior), bank_alone))
-        after = Fit(data, baseline, bank, self._in_training(best, bank))
-        refused = self._refused(decision, before, after)
-        if refused is not None:
-            decision = Decision("none", ())
-            before = Fit(data_alone, alone, bank_alone, self._in_training(_null(posterior), bank_alone))
-            after = Fit(data, baseline, bank, self._in_training(_best(posterior, decision), bank))
-        if decision.verdict == "none" and after.excess[1] < LOUDER:
-            decision = Decision("unknown", (), louder=True)
-        states = likely(posterior) if decision.verdict == "ambiguous" else []
-        rivals = [Fit(data, baseline, bank, self._in_training(state, bank)) for state in states]
-        following, promise = next_experiment(posterior, rivals, states, self.chamber)
-        read = {column for member in after.state.members for column in posterior.regions[member.form.region].drivers}
-        test, lacking = _with_columns(self.runs.test, read & set(data.columns))
-        return Diagnosis(
-            decision,
-            posterior,
-            before,
-            after,
-            self.data([run for run in self.runs.confirm if set(data.columns) & read <= set(run.columns)]).runs,
-            self.data(test).runs,
-            self.candidates,
-            self.request,
-            preparation=(*lacking, *chosen.messages, *self.runs.messages),
-            warnings=self.runs.warnings,
-            alignment=self.runs.alignment,
-            next_experiment=following,
-            next_message=promise if refused is None else refused,
-        )
-
-    def black_box(self, found: Diagnosis) -> BlackBox | None:
-        """The compensation at its best on the same split."""
-        return BlackBox.of(found.before, self.recorded, self.output, [*found.confirm_runs, *found.test_runs])
-
-    def _refused(self, decision: Decision, before: Fit, after: Fit) -> Message | None:
-        """That a set is not named because it leaves more of the training runs than none does; None where it leaves less."""
-        if not decision.named or after.state.key[1]:
-            return None
-        found = score(before, after, before.data.runs, self.request.unit)
-        if found is None or found.augmented_rms <= MORE_LEFT * found.baseline_rms:
-            return None
-        names = [one.mechanism or one.region for one in decision.named]
-        sizes = {"before": found.baseline_rms, "after": found.augmented_rms, "unit": found.unit}
-        return message("diagnosis.worse_in_training", mechanisms=names, **sizes)
-
-    def _in_training(self, state: State, bank: Bank) -> State:
-        """A state of all runs that choose, as one of the training runs."""
-        members = tuple(member for member in state.members if bank.scaled(member.form) is not None)
-        seen = state.telegraph
-        if seen is not None:
-            seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
-        return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+def _fitted(case: Case, chosen: Choice, chamber: ChamberRange | None) -> Diagnosis:
+    """The decision, fitted to the training runs alone."""
+    posterior = chosen.posterior
+    decision = decided(posterior)
+    data, best = case.data(case.runs.train), _best(posterior, decision)
+    best, baseline = calibrated_last(case, best, chosen.beside, data)
+    alone = baseline if baseline.simulator == chosen.alone.simulator else chosen.alone.linearised(data)
+    if case.turns:
+        own = (basis for state in (best, *likely(posterior)) for member in state.members for basis in member.form.bases)
+        data = with_angle_rows(data, [*bases_of(posterior.regions.values()), *own], case.output)
+    data, data_alone = baseline.less_stated(data), alone.less_stated(data)
+    bank = Bank(data, baseline.design(data), None if case.turns else baseline)
+    bank_alone = bank if alone is baseline else Bank(data_alone, alone.design(data), None if case.turns else alone)
+    before = Fit(data_alone, alone, bank_alone, in_training(_without(best, posterior), bank_alone))
+    after = Fit(data, baseline, bank, in_training(best, bank))
+    refused = _refused(decision, before, after, case.request.unit)
+    if refused is not None:
+        decision = Decision("none", ())
+        before = Fit(data_alone, alone, bank_alone, in_training(_null(posterior), bank_alone))
+        after = Fit(data, baseline, bank, in_training(_best(posterior, decision), bank))
+    if decision.verdict == "none" and after.excess[1] < LOUDER:
+        decision = Decision("unknown", (), louder=True)
+    states = likely(posterior) if decision.verdict == "ambiguous" else []
+    rivals = [Fit(data, baseline, bank, in_training(state, bank)) for state in states]
+    following, promise = next_experiment(posterior, rivals, states, chamber)
+    read = {column for member in after.state.members for column in posterior.regions[member.form.region].drivers}
+    test, lacking = _with_columns(case.runs.test, read & set(data.columns))
+    return Diagnosis(
+        decision,
+        posterior,
+        before,
+        after,
+        case.data([run for run in case.runs.confirm if set(data.columns) & read <= set(run.columns)]).runs,
+        case.data(test).runs,
+        case.candidates,
+        case.request,
+        preparation=(*lacking, *chosen.messages, *case.runs.messages),
+        warnings=case.runs.warnings,
+        alignment=case.runs.alignment,
+        next_experiment=following,
+        next_message=promise if refused is None else refused,
+    )
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Chosen:
-    """What the runs that choose say.
-
-    Parameters
-    ----------
-    posterior : Posterior
-    alone, beside : Baseline
-        The simulator with its free shapes calibrated alone, and beside the likeliest set.
-    messages : tuple of Message
-    """
-
-    posterior: Posterior
-    alone: Baseline
-    beside: Baseline
-    messages: tuple[Message, ...]
+def _refused(decision: Decision, before: Fit, after: Fit, unit: str) -> Message | None:
+    """That a set is not named because it leaves more of the training runs than none does; None where it leaves less."""
+    if not decision.named or after.state.key[1]:
+        return None
+    found = score(before, after, before.data.runs, unit)
+    if found is None or found.augmented_rms <= MORE_LEFT * found.baseline_rms:
+        return None
+    names = [one.mechanism or one.region for one in decision.named]
+    sizes = {"before": found.baseline_rms, "after": found.augmented_rms, "unit": found.unit}
+    return message("diagnosis.worse_in_training", mechanisms=names, **sizes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -392,7 +217,7 @@ class Repeated:
         """Of some runs; parameters as of :func:`diagnose`."""
         runs = Prepared.of(simulator, None, train, [], [], gyro=gyro, output=None)
         request = _request(runs, mechanisms, gyro, None, None)
-        bank, regions, _ = _Engine(runs, mechanisms, request, gyro, None, None, None, None).question(runs.train)
+        bank, regions, _ = Case(runs, mechanisms, request, gyro).question(runs.train)
         layout = Search(bank, regions).layout
         layout.keep(KEPT_BY_REPEATED)
         return cls(bank, tuple(regions), layout)
@@ -412,16 +237,6 @@ class Repeated:
             runs.append(dataclasses.replace(run, output=run.output + more))
         data = dataclasses.replace(self.bank.data, runs=tuple(runs))
         return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
-
-
-def _other_forms(state: State) -> bool:
-    """Whether a set has another form of a mechanism of the simulator."""
-    return any(member.form.region.startswith(OTHER_FORM) for member in state.members)
-
-
-def _absorbed(region: Region, bank: Bank) -> bool:
-    """Whether the baseline can take the place of all of a region's forms."""
-    return bool(region.forms) and all(bank.scaled(form) is None for form in region.forms)
 
 
 def _with_columns(runs: Sequence[Recording], columns: set[str]) -> tuple[list[Recording], list[Message]]:
@@ -468,20 +283,6 @@ def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None
     if noise.angle_random_walk_deg_sqrt_h == 0.0:
         raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
     return noise
-
-
-def _bases(regions: Iterable[Region]) -> list[Basis]:
-    return [basis for region in regions for form in region.forms for basis in form.bases]
-
-
-def _thermometer(data: Data, recording: Recording) -> str:
-    """The column that the catalogue means by temperature; where there is none, the first that varies."""
-    try:
-        return recording.temperature_column
-    except InputError:
-        if not data.columns:
-            raise InputError(f"{recording.name} has no column beside the output that varies; give one that may drive it") from None
-        return data.columns[0]
 
 
 def _candidates(

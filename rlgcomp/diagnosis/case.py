@@ -1,0 +1,143 @@
+"""What a diagnosis weighs: the runs on one grid, the regions, and the simulator calibrated."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.bases import Basis
+from rlgcomp.diagnosis.clocks import clock_regions
+from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.identities import Identity, identities, without_identities
+from rlgcomp.diagnosis.laboratory import thermometer_of
+from rlgcomp.diagnosis.nuisances import nuisances
+from rlgcomp.diagnosis.prepare import SIMULATED, Prepared
+from rlgcomp.diagnosis.record import Request
+from rlgcomp.diagnosis.regions import laws, named, own_bases
+from rlgcomp.diagnosis.setting import Setting
+from rlgcomp.diagnosis.terms import Region
+from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
+from rlgcomp.errors import InputError
+from rlgcomp.noise.processes import NoiseModel
+from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import Recording, rate_name
+
+Array = npt.NDArray[np.float64]
+
+
+class Question(NamedTuple):
+    """The data on their design, the regions that are weighed, and the simulator."""
+
+    bank: Bank
+    regions: list[Region]
+    baseline: Baseline
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """Prepared runs with what was asked of them.
+
+    Parameters
+    ----------
+    runs : Prepared
+    candidates : mapping of str to type of Mechanism
+    request : Request
+    gyro : str, optional
+        Gyro column, where there are several.
+    column : str, optional
+        Another output than a gyro's.
+    window_s : float, optional
+        By default such that the longest run has 400 windows.
+    noise : NoiseModel, optional
+        Measured at rest.
+    """
+
+    runs: Prepared
+    candidates: Mapping[str, type[Mechanism]]
+    request: Request
+    gyro: str | None = None
+    column: str | None = None
+    window_s: float | None = None
+    noise: NoiseModel | None = None
+    _on_grid: dict[int, tuple[Recording, Run]] = dataclasses.field(default_factory=dict, repr=False)
+
+    @property
+    def grid(self) -> Grid:
+        if self.window_s is None:
+            return Grid.of(self.runs.train, every_sample=self.turns)
+        return Grid.of_window(self.runs.train, self.window_s, every_sample=self.turns)
+
+    @property
+    def turns(self) -> bool:
+        """Whether a table turns."""
+        return self.runs.base.kind == "turntable"
+
+    def recorded(self, binned: Recording) -> Array:
+        """Bin means of the output."""
+        gyro = self.gyro if self.gyro is None or self.gyro in binned else rate_name(self.gyro)  # means are in deg/h
+        return binned.rate_deg_h(gyro) if self.column is None else binned.column(self.column)
+
+    def output(self, binned: Recording) -> Array:
+        """Bin means of the output less what the simulator states."""
+        known = binned.column(SIMULATED) if self.runs.own else Baseline(self.runs.base).stated(binned)
+        return np.asarray(self.recorded(binned) - known)
+
+    def data(self, recordings: Sequence[Recording]) -> Data:
+        """Recordings on the grid of the training runs."""
+        other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
+        return Data(tuple(self._run(recording, other) for recording in recordings), other, self.noise)
+
+    def _run(self, recording: Recording, other: tuple[str, ...]) -> Run:
+        """A recording on the grid, computed once; columns that are derived from it are not shared."""
+        key = id(recording)
+        if key not in self._on_grid:
+            self._on_grid[key] = recording, Run.of(recording, self.grid, self.output, other)
+        return dataclasses.replace(self._on_grid[key][1], cache={}, derived={})
+
+    def identities(self, data: Data) -> tuple[Identity, ...]:
+        """Columns of which the recorded output is the rate of change or the integral."""
+        return () if self.turns else identities(data, self.recorded, self.request.unit)
+
+    def question(
+        self, recordings: Sequence[Recording], beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
+    ) -> Question:
+        """The data, the regions that are weighed, and the simulator calibrated as :meth:`Baseline.calibrated` does."""
+        data, simulator = self.data(recordings), self.runs.base
+        data.require_windows()
+        baseline = Baseline.calibrated(simulator, data, beside, wrong)
+        if self.turns:
+            regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
+            data = with_angle_rows(data, bases_of(regions), self.output)
+        else:
+            setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
+            present = [mechanism.name for mechanism in simulator.mechanisms]
+            baseline = baseline.with_own(own_bases(setting, present), data, beside)
+            regions = list(named(setting, self.candidates, present))
+            regions += list(laws(setting, regions))
+        data = baseline.less_stated(data)
+        bank = Bank(data, baseline.design(data), None if self.turns else baseline)
+        clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
+        regions = without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data))
+        return Question(bank, regions, baseline)
+
+
+def bases_of(regions: Iterable[Region]) -> list[Basis]:
+    """Of all forms."""
+    return [basis for region in regions for form in region.forms for basis in form.bases]
+
+
+def _thermometer(data: Data, recording: Recording) -> str:
+    """The column that the catalogue means by temperature; where there is none, the first that varies."""
+    try:
+        return recording.temperature_column
+    except InputError:
+        if not data.columns:
+            raise InputError(f"{recording.name} has no column beside the output that varies; give one that may drive it") from None
+        return data.columns[0]

@@ -1,0 +1,127 @@
+"""What the runs that choose say: the posterior of all sets, with free shapes of the simulator calibrated beside the likeliest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final, Self
+
+from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.case import Case, Question
+from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.regions import OTHER_FORM
+from rlgcomp.diagnosis.shapes import columns_beside, likelier, renewed, wrong_amplitudes
+from rlgcomp.diagnosis.states import State
+from rlgcomp.diagnosis.terms import Region
+from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
+
+_CALIBRATIONS: Final = 2  # of free shapes beside the likeliest set
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Choice:
+    """What the runs that choose say.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    alone, beside : Baseline
+        The simulator with its free shapes calibrated alone, and beside the likeliest set.
+    messages : tuple of Message
+    """
+
+    posterior: Posterior
+    alone: Baseline
+    beside: Baseline
+    messages: tuple[Message, ...]
+
+    @classmethod
+    def of(cls, case: Case, recordings: Sequence[Recording]) -> Self:
+        """Of the runs that choose."""
+        first = case.question(recordings)
+        regions = [region for region in first.regions if region.mechanism == region.key]
+        absorbed = [region.mechanism for region in regions if _absorbed(region, first.bank)]
+        messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
+        messages += [one.message() for one in case.identities(first.bank.data)]
+        found, question = _settled(case, first, recordings)
+        if _other_forms(found.best) and _calibrates(case, found.best):
+            plain, other = _settled(case, first, recordings, other_forms=False)
+            if plain.best.log_posterior > found.best.log_posterior:
+                found, question = _settled(case, other, recordings)
+        return cls(found, first.baseline, question.baseline, tuple(messages))
+
+
+def _settled(
+    case: Case, question: Question, recordings: Sequence[Recording], *, other_forms: bool = True
+) -> tuple[Posterior, Question]:
+    """The posterior of a question, or of the one that follows from it by shapes calibrated beside the likeliest set.
+
+    Parameters
+    ----------
+    case : Case
+    question : Question
+    recordings : sequence of Recording
+    other_forms : bool
+        Whether other forms of the simulator's mechanisms are weighed.
+    """
+    for calibration in range(_CALIBRATIONS + 1):
+        regions = [one for one in question.regions if other_forms or not one.key.startswith(OTHER_FORM)]
+        found = Posterior.of(question.bank, regions)
+        again = _beside(case, found.best, question, recordings) if calibration < _CALIBRATIONS else None
+        if again is None or not (wrong_amplitudes(found.best) or likelier(found.best, again.bank, question.bank)):
+            break
+        question = again
+    return found, question
+
+
+def _beside(case: Case, state: State, question: Question, recordings: Sequence[Recording]) -> Question | None:
+    """A question with free shapes of the simulator calibrated beside a set; None where they are the same.
+
+    Shapes enter by their derivatives, and those that were calibrated to the runs as they are have met what is missing halfway:
+    a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong, or beside
+    jumps, they have met that as well; and another form of the same mechanism may stand for all of it.
+    """
+    if not _calibrates(case, state):
+        return None
+    again = case.question(recordings, columns_beside(state, question.bank), wrong_amplitudes(state))
+    return None if again.baseline.simulator == question.baseline.simulator else again
+
+
+def _calibrates(case: Case, state: State) -> bool:
+    """Whether shapes of the simulator are free, and something is beside it."""
+    shapes = any(Baseline(case.runs.base).free(one, "shape") for one in case.runs.base.mechanisms)
+    return shapes and not case.turns and bool(state.members or state.telegraph)
+
+
+def calibrated_last(case: Case, state: State, baseline: Baseline, data: Data) -> tuple[State, Baseline]:
+    """A set and the simulator with free shapes where they are beside the set, near where their derivatives end."""
+    baseline = baseline.linearised(data)
+    if not _calibrates(case, state):
+        return state, baseline
+    bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
+    beside = columns_beside(in_training(state, bank), bank)
+    found = Baseline.calibrated(case.runs.base, data, beside, wrong_amplitudes(state))
+    found = dataclasses.replace(found, own=baseline.own).linearised(data, beside)
+    return renewed(state, found.simulator), found
+
+
+def in_training(state: State, bank: Bank) -> State:
+    """A state of all runs that choose, as one of the training runs."""
+    members = tuple(member for member in state.members if bank.scaled(member.form) is not None)
+    seen = state.telegraph
+    if seen is not None:
+        seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
+    return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+
+
+def _other_forms(state: State) -> bool:
+    """Whether a set has another form of a mechanism of the simulator."""
+    return any(member.form.region.startswith(OTHER_FORM) for member in state.members)
+
+
+def _absorbed(region: Region, bank: Bank) -> bool:
+    """Whether the baseline can take the place of all of a region's forms."""
+    return bool(region.forms) and all(bank.scaled(form) is None for form in region.forms)
