@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+import functools
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -18,7 +19,9 @@ from rlgcomp.simulation.simulator import Simulator
 Array = npt.NDArray[np.float64]
 CONSTANT: Final = "constant_deg_h"
 _STEP: Final = 1e-3  # of a shape, relative, for its derivative
+_FIRST_STEP: Final = 0.3  # of a shape, relative
 _ROUNDS: Final = 12  # of halved steps
+_STARTS: Final = 3  # of a calibration: one of a memory has several least squares
 
 
 @dataclasses.dataclass(frozen=True)
@@ -213,7 +216,7 @@ class Baseline:
     def calibrated(
         cls, simulator: Simulator, data: Data, beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
     ) -> Self:
-        """The simulator with its free shapes at their least squares, from the best point of each mechanism's grid on.
+        """The simulator with its free shapes at their least squares, from the best points of each mechanism's grid on.
 
         Parameters
         ----------
@@ -233,6 +236,7 @@ class Baseline:
             if not shapes:
                 continue
 
+            @functools.lru_cache(None)
             def misfit(candidate: Mechanism, others: Simulator = simulator) -> float:
                 tried = cls(others.with_mechanism(candidate), runs=names_of_runs, given=given)
                 output = less(tried.less_stated(data).output)
@@ -244,13 +248,8 @@ class Baseline:
             names = [shape.name for shape in shapes]
             grid = type(mechanism).grid([run.binned for run in data.runs])
             points = [_with(mechanism, {name: getattr(point, name) for name in names}) for point in grid]
-            best = min({*points, mechanism}, key=misfit)
-            step = 0.3
-            for _ in range(_ROUNDS):
-                moved = [_moved(best, shape, 1.0 + sign * step) for shape in shapes for sign in (-1.0, 1.0)]
-                nearer = min([best, *moved], key=misfit)
-                step = step if nearer != best else 0.5 * step
-                best = nearer
+            starts = sorted({*points, mechanism}, key=misfit)[:_STARTS]
+            best = min((_descended(start, shapes, misfit) for start in starts), key=misfit)
             simulator = simulator.with_mechanism(best)
         found = cls(simulator, given=given).linearised(data, beside)
         return dataclasses.replace(found, simulator=dataclasses.replace(simulator, free=given.free))
@@ -306,6 +305,17 @@ def independent(table: Array) -> Array:
         if np.linalg.norm(left) > 1e-6:
             kept.append(left / np.linalg.norm(left))
     return np.column_stack(kept)
+
+
+def _descended(start: Mechanism, shapes: Sequence[Parameter], misfit: Callable[[Mechanism], float]) -> Mechanism:
+    """The least misfit that steps of each shape lead to."""
+    best, step = start, _FIRST_STEP
+    for _ in range(_ROUNDS):
+        moved = [_moved(best, shape, 1.0 + sign * step) for shape in shapes for sign in (-1.0, 1.0)]
+        nearer = min([best, *moved], key=misfit)
+        step = step if nearer != best else 0.5 * step
+        best = nearer
+    return best
 
 
 def _moved(mechanism: Mechanism, shape: Parameter, factor: float) -> Mechanism:
