@@ -10,15 +10,18 @@ from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.case import Case, Question
 from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.evidence import Evidence
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.regions import OTHER_FORM
-from rlgcomp.diagnosis.shapes import columns_beside, likelier, renewed, wrong_amplitudes
+from rlgcomp.diagnosis.search import Search
+from rlgcomp.diagnosis.shapes import LIKELIER, columns_beside, likelier, renewed, wrong_amplitudes
 from rlgcomp.diagnosis.states import State
 from rlgcomp.diagnosis.terms import Region
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
 
 _CALIBRATIONS: Final = 2  # of free shapes beside the likeliest set
+_BEGINNINGS: Final = 10  # regions beside which they are calibrated before anything is sought
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,12 +49,41 @@ class Choice:
         absorbed = [region.mechanism for region in regions if _absorbed(region, first.bank)]
         messages = [message("diagnosis.absorbed", mechanisms=absorbed)] if absorbed else []
         messages += [one.message() for one in case.identities(first.bank.data)]
-        found, question = _settled(case, first, recordings)
+        begun = _begun(case, first, recordings)
+        found, question = _settled(case, begun, recordings)
         if _other_forms(found.best) and _calibrates(case, found.best):
-            plain, other = _settled(case, first, recordings, other_forms=False)
+            plain, other = _settled(case, begun, recordings, other_forms=False)
             if plain.best.log_posterior > found.best.log_posterior:
                 found, question = _settled(case, other, recordings)
         return cls(found, first.baseline, question.baseline, tuple(messages))
+
+
+def _begun(case: Case, question: Question, recordings: Sequence[Recording]) -> Question:
+    """A question with free shapes calibrated beside the region that is likeliest once they are calibrated beside it.
+
+    Calibrated to the runs as they are, shapes may be far from the truth where something is missing; then what is likely beside them
+    is not what is missing, and calibrations beside that do not lead there.
+    """
+    if not _has_free_shapes(case):
+        return question
+    bank, data = question.bank, case.data(recordings)
+    search = Search(bank, [region for region in question.regions if region.mechanism is not None and not region.nuisance])
+    null = search.converged(())
+    states = sorted(search.expanded(null, every=True), key=lambda state: state.log_point, reverse=True)[:_BEGINNINGS]
+    likeliest, top = None, max(state.log_point for state in (null, *states)) + LIKELIER
+    for state in states:
+        beside = columns_beside(state, bank)
+        baseline = Baseline.calibrated(case.runs.base, data, beside)
+        if baseline.simulator == question.baseline.simulator:
+            continue
+        baseline = dataclasses.replace(baseline, own=question.baseline.own).linearised(data, beside)
+        renewed_bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
+        for noise in dict.fromkeys((state.noise, search.calmest(state.noise.errors))):
+            prior = search.log_prior(state.members) + search.log_prior_of(noise)
+            point = Evidence(renewed_bank, noise, 0.0).log_evidence(state.members) + prior
+            if point > top:
+                likeliest, top = beside, point
+    return question if likeliest is None else case.question(recordings, likeliest)
 
 
 def _settled(
@@ -92,8 +124,12 @@ def _beside(case: Case, state: State, question: Question, recordings: Sequence[R
 
 def _calibrates(case: Case, state: State) -> bool:
     """Whether shapes of the simulator are free, and something is beside it."""
+    return _has_free_shapes(case) and bool(state.members or state.telegraph)
+
+
+def _has_free_shapes(case: Case) -> bool:
     shapes = any(Baseline(case.runs.base).free(one, "shape") for one in case.runs.base.mechanisms)
-    return shapes and not case.turns and bool(state.members or state.telegraph)
+    return shapes and not case.turns
 
 
 def calibrated_last(case: Case, state: State, baseline: Baseline, data: Data) -> tuple[State, Baseline]:

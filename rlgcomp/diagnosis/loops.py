@@ -315,7 +315,5 @@ def _apart(one: float, other: float, band: float) -> bool:
 
 
 def _dead_bands(band: float) -> tuple[float, float]:
-    """Dead bands beside one: any narrow ones; where they are wide a ladder has one of them, for those of a hysteresis differ."""
-    if band <= priors.WIDEST_DEAD_BAND:
-        return 0.0, priors.WIDEST_DEAD_BAND
-    return (1.0 - priors.ONE_DEAD_BAND) * band, (1.0 + priors.ONE_DEAD_BAND) * band
+    """Dead bands beside one: narrow ones beside a narrow one, any beside a wide one, for these do not overlap."""
+    return 0.0, priors.WIDEST_DEAD_BAND if band <= priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE

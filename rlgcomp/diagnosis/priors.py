@@ -78,8 +78,6 @@ DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)
 """Dead bands of a relay over half the driver's range."""
 WIDE_DEAD_BANDS: Final = (0.25, 0.4)
 """Of a hop that stands alone: one relay of so wide a band may be a hop or a hysteresis; no run of the temperature parts them."""
-ONE_DEAD_BAND: Final = 0.1
-"""Relative spread of the dead bands of a ladder, where they are wide: those of a hysteresis differ from relay to relay."""
 NARROWEST_LOOP: Final = 0.14
 WIDEST_DEAD_BAND: Final = 0.17
 WIDEST_OF_ONE: Final = 0.5

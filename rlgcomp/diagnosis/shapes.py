@@ -16,7 +16,8 @@ from rlgcomp.diagnosis.states import State
 from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
-_LIKELIER: Final = 3.0  # nats from which on the search is run again with them
+LIKELIER: Final = 3.0  # nats from which on the search is run again with them
+_OF_A_MEMBER: Final = 9.0  # of its prior, in nats, about: without it a set may have so much less
 
 
 def columns_beside(state: State, bank: Bank) -> Array:
@@ -35,12 +36,15 @@ def wrong_amplitudes(state: State) -> dict[str, set[str]]:
 def likelier(state: State, now: Bank, before: Bank) -> bool:
     """Whether a set, or one with a member less, is clearly likelier beside one calibrated simulator than beside another."""
     members, path = _effects(state), _path(state, now.data)
-    sets = (members, *((*members[:k], *members[k + 1 :]) for k in range(len(members))))
     banks = [now, before]
     if state.telegraph is not None:
         banks = [Bank(one.data, np.hstack([one.design, path]), one.baseline) for one in banks]
     new, old = (Evidence(one, state.noise, 0.0) for one in banks)
-    return any(new.log_evidence(one) > old.log_evidence(one) + _LIKELIER for one in sets)
+    if new.log_evidence(members) > old.log_evidence(members) + LIKELIER:
+        return True
+    least = old.log_evidence(members) - _OF_A_MEMBER
+    fewer = [(*members[:k], *members[k + 1 :]) for k in range(len(members))]
+    return any(new.log_evidence(one) > max(old.log_evidence(one) + LIKELIER, least) for one in fewer)
 
 
 def renewed(state: State, simulator: Simulator) -> State:
