@@ -55,6 +55,14 @@ def diagnosed(column: str, up: Array, down: Array, weights: Array) -> Diagnosis:
     return diagnose(fitted, runs[:2], runs[2:], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
 
 
+def test_hops_whose_wide_dead_bands_differ_and_do_not_overlap_are_hops() -> None:
+    """They were told as a hysteresis of two relays with certainty: a ladder had one dead band."""
+    found = diagnosed("temperature_block_degC", np.array([18.0, 36.0]), np.array([12.5, 27.0]), np.array([0.03, 0.02]))
+    assert [cause.name for cause in found.causes] == ["mode_hop"]
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.2 * found.test.noise_floor_rms
+
+
 def test_few_relays_are_found_one_by_one() -> None:
     """They were told as jumps between levels of their own: a search from a coarse plane stopped at two relays."""
     found = diagnosed(
@@ -108,7 +116,7 @@ def test_relays_of_one_dead_band_are_a_ladder_and_a_hysteresis_alike(count: int,
     assert all(r.narrowest <= r.up[0] - r.down[0] <= r.widest for r in again.lead)
 
 
-def test_a_ladder_has_one_dead_band_that_overlaps_none_and_a_hop_none_wider_than_half_of_half_the_range() -> None:
+def test_wide_dead_bands_of_a_ladder_overlap_none_and_none_is_wider_than_half_of_half_the_range() -> None:
     single, narrow = form("mode_hop", relay(0.0, 0.0)), priors.NARROWEST_LOOP
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, 0.2))) is None
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, -0.3))) is None

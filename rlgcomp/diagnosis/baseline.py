@@ -21,7 +21,7 @@ CONSTANT: Final = "constant_deg_h"
 _STEP: Final = 1e-3  # of a shape, relative, for its derivative
 _FIRST_STEP: Final = 0.3  # of a shape, relative
 _ROUNDS: Final = 12  # of halved steps
-_STARTS: Final = 3  # of a calibration: one of a memory has several least squares
+_STARTS: Final = 5  # of a calibration: one of a memory has several least squares
 
 
 @dataclasses.dataclass(frozen=True)
