@@ -239,13 +239,11 @@ def as_hops(form: Form, other: Form) -> Form | None:
     relays = _single_relays_of(other, form)
     if relays is None:
         return None
-    bands = [relay.up[0] - relay.down[0] for relay in relays]
-    narrowest, widest = (0.0, priors.WIDEST_OF_ONE) if len(relays) == 1 else _dead_bands(max(bands))
-    pairs = itertools.combinations(relays, 2)
-    if not all(narrowest <= b <= widest for b in bands) or not all(_apart(a.up[0], b.up[0], max(bands)) for a, b in pairs):
+    possible = all(_band(relay) <= priors.WIDEST_OF_ONE for relay in relays)
+    if not possible or not all(_apart(a, b) for a, b in itertools.combinations(relays, 2)):
         return None
-    lead = tuple(dataclasses.replace(relay, narrowest=narrowest, widest=widest) for relay in relays)
-    return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_HOP)
+    share = form.log_share + (len(relays) - 1) * priors.LOG_HOP
+    return dataclasses.replace(form, lead=_as_ladder(relays), log_share=share)
 
 
 def _single_relays_of(other: Form, form: Form) -> tuple[Relays, ...] | None:
@@ -297,23 +295,31 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         ladder = [basis for basis in form.lead if isinstance(basis, Relays) and len(basis.up) == 1]
         if len(ladder) < len(form.lead) or len(ladder) >= priors.MOST_STEPS:
             return
-        band = ladder[0].up[0] - ladder[0].down[0]
-        narrowest, widest = _dead_bands(band)
-        ladder = [dataclasses.replace(relay, narrowest=narrowest, widest=widest) for relay in ladder]
         share = form.log_share + priors.LOG_HOP
-        for level in levels:
-            if all(_apart(level, relay.up[0], band) for relay in ladder):
-                more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=())
-                yield dataclasses.replace(form, lead=(*ladder, more), log_share=share)
+        for level, band in itertools.product(levels, (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS)):
+            more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=())
+            if all(_apart(more, relay) for relay in ladder):
+                for one in (more, *more.from_other_sides()):
+                    yield dataclasses.replace(form, lead=_as_ladder([*ladder, one]), log_share=share)
 
     return grow
 
 
-def _apart(one: float, other: float, band: float) -> bool:
-    """Whether hops at two levels are those of one ladder: where wide dead bands overlap, relays are those of a hysteresis."""
-    return abs(one - other) > (band if band > priors.WIDEST_DEAD_BAND else 1.0 / priors.THRESHOLDS)
+def _band(relay: Relays) -> float:
+    return relay.up[0] - relay.down[0]
 
 
-def _dead_bands(band: float) -> tuple[float, float]:
-    """Dead bands beside one: narrow ones beside a narrow one, any beside a wide one, for these do not overlap."""
-    return 0.0, priors.WIDEST_DEAD_BAND if band <= priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE
+def _apart(one: Relays, other: Relays) -> bool:
+    """Whether two hops are those of one ladder: where wide dead bands overlap, relays are those of a hysteresis."""
+    wide = max(_band(one), _band(other)) > priors.WIDEST_DEAD_BAND
+    overlap = one.down[0] < other.up[0] and other.down[0] < one.up[0]
+    return abs(one.up[0] - other.up[0]) > 1.0 / priors.THRESHOLDS and not (wide and overlap)
+
+
+def _as_ladder(hops: Sequence[Relays]) -> tuple[Relays, ...]:
+    """Hops with the dead bands that they may have beside each other: narrow ones, and wide ones down to the next below."""
+    found = []
+    for hop in hops:
+        gap = min((hop.up[0] - other.up[0] for other in hops if other.up[0] < hop.up[0]), default=math.inf)
+        found.append(dataclasses.replace(hop, narrowest=0.0, widest=max(min(gap, priors.WIDEST_OF_ONE), priors.WIDEST_DEAD_BAND)))
+    return tuple(found)

@@ -110,9 +110,11 @@ class Relays(Basis):
                 found.append(dataclasses.replace(self, up=up))
             if self.narrowest <= self.up[0] - down[0] <= self.widest:
                 found.append(dataclasses.replace(self, down=down))
-        if step >= _OTHER_HISTORY:
-            found += [self._from_other_side(name) for name, first in self.begins if self.down[0] < first < self.up[0]]
-        return tuple(found)
+        return (*found, *(self.from_other_sides() if step >= _OTHER_HISTORY else ()))
+
+    def from_other_sides(self) -> tuple[Self, ...]:
+        """The same from the other side in one more, or one less, of the runs that begin within the dead band."""
+        return tuple(self._from_other_side(name) for name, first in self.begins if self.down[0] < first < self.up[0])
 
     def _from_other_side(self, run: str) -> Self:
         opposite = tuple(name for name, _ in self.begins if (name in self.opposite) != (name == run))
