@@ -229,7 +229,10 @@ def as_relays(form: Form, other: Form) -> Form | None:
     if relays is None or not isinstance(one, Relays):
         return None
     lead = tuple(
-        dataclasses.replace(relay, down=(_wide_enough(relay),), narrowest=one.narrowest, widest=one.widest) for relay in relays
+        dataclasses.replace(
+            relay, down=(_wide_enough(relay),), narrowest=one.narrowest, widest=one.widest, low=-math.inf, high=math.inf
+        )
+        for relay in relays
     )
     return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_RELAY)
 
@@ -317,9 +320,12 @@ def _apart(one: Relays, other: Relays) -> bool:
 
 
 def _as_ladder(hops: Sequence[Relays]) -> tuple[Relays, ...]:
-    """Hops with the dead bands that they may have beside each other: narrow ones, and wide ones down to the next below."""
+    """Hops with the dead bands that they may have beside each other: narrow ones, and wide ones halfway to the next at most."""
     found = []
     for hop in hops:
-        gap = min((hop.up[0] - other.up[0] for other in hops if other.up[0] < hop.up[0]), default=math.inf)
-        found.append(dataclasses.replace(hop, narrowest=0.0, widest=max(min(gap, priors.WIDEST_OF_ONE), priors.WIDEST_DEAD_BAND)))
+        facing = [other for other in hops if other is not hop and priors.WIDEST_DEAD_BAND < max(_band(hop), _band(other))]
+        low = max((0.5 * (hop.down[0] + other.up[0]) for other in facing if other.up[0] < hop.up[0]), default=-math.inf)
+        high = min((0.5 * (hop.up[0] + other.down[0]) for other in facing if other.up[0] > hop.up[0]), default=math.inf)
+        widest = priors.WIDEST_DEAD_BAND if _band(hop) <= priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE
+        found.append(dataclasses.replace(hop, narrowest=0.0, widest=widest, low=low, high=high))
     return tuple(found)

@@ -47,6 +47,8 @@ class Relays(Basis):
         What was before the run: from where the driver came to its first value; rested, the nearer level decides.
     narrowest, widest : float
         Dead bands that are the same cause.
+    low, high : float
+        Levels between which it stays, beside relays of the same cause.
     begins : tuple of (str, float)
         Runs by name in which a single relay may have come from either side, and their first values.
     opposite : tuple of str
@@ -61,6 +63,8 @@ class Relays(Basis):
     start: Start = "rested"
     narrowest: float = 0.0
     widest: float = math.inf
+    low: float = -math.inf
+    high: float = math.inf
     begins: tuple[tuple[str, float], ...] = ()
     opposite: tuple[str, ...] = ()
     histories: Histories = ()
@@ -110,7 +114,8 @@ class Relays(Basis):
                 found.append(dataclasses.replace(self, up=up))
             if self.narrowest <= self.up[0] - down[0] <= self.widest:
                 found.append(dataclasses.replace(self, down=down))
-        return (*found, *(self.from_other_sides() if step >= _OTHER_HISTORY else ()))
+        within = [one for one in found if self.low <= min(one.down) and max(one.up) <= self.high]
+        return (*within, *(self.from_other_sides() if step >= _OTHER_HISTORY else ()))
 
     def from_other_sides(self) -> tuple[Self, ...]:
         """The same from the other side in one more, or one less, of the runs that begin within the dead band."""
