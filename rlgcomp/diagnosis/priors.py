@@ -107,9 +107,9 @@ FURTHER_RELAYS: Final = 41
 """The same for one relay more."""
 MORE_STEPS: Final = 0.7
 """Odds of one more hop of a ladder, or of one more relay."""
-LOG_HOP: Final = math.log(MORE_STEPS / THRESHOLDS)
+LOG_HOP: Final = math.log(MORE_STEPS / (THRESHOLDS * len((*DEAD_BANDS, *WIDE_DEAD_BANDS))))
 LOG_RELAY: Final = math.log(MORE_STEPS / (FURTHER_RELAYS * (FURTHER_RELAYS - 1) / 2))
-"""Log prior of one more hop at its level, and of one more relay of a hysteresis at its place in the plane."""
+"""Log prior of one more hop at its level with its dead band, and of one more relay of a hysteresis at its place in the plane."""
 MOST_STEPS: Final = 12
 """Members of a ladder, or relays, that are sought one by one."""
 
