@@ -77,13 +77,14 @@ THRESHOLDS: Final = 36
 DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)
 """Dead bands of a relay over half the driver's range."""
 WIDE_DEAD_BANDS: Final = (0.25, 0.4)
-"""Of a hop that stands alone: one relay of so wide a band may be a hop or a hysteresis; no run of the temperature parts them."""
+"""Of hops whose dead bands do not overlap: relays of so wide bands may be hops or a hysteresis; no run of the temperature parts
+them."""
 NARROWEST_LOOP: Final = 0.14
 WIDEST_DEAD_BAND: Final = 0.17
 WIDEST_OF_ONE: Final = 0.5
-"""Over half the driver's range: among several relays one with a wider dead band than the second is part of a hysteresis, whose
+"""Over half the driver's range: among relays that overlap one with a wider dead band than the second is part of a hysteresis, whose
 relays are laid a twelfth of the range apart; one with a narrower one than the first is a mode hop. Between them it may be either: a
-range is that of the runs."""
+range is that of the runs. No hop has a wider one than the third."""
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
 RESTS: Final = (-0.6, 0.0, 0.6)
