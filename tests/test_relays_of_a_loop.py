@@ -123,6 +123,9 @@ def test_wide_dead_bands_of_a_ladder_overlap_none_and_none_is_wider_than_half_of
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, 0.2))) is None
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, 0.0), relay(0.5, -0.3))) is None
     assert as_hops(single, form("thermal_hysteresis", relay(0.3, -0.3))) is None
+    alone = as_hops(single, form("thermal_hysteresis", relay(0.3, 0.15)))
+    assert alone is not None
+    assert alone.lead[0].widest == priors.WIDEST_OF_ONE  # type: ignore[attr-defined]
     widened = as_relays(
         form("thermal_hysteresis", dataclasses.replace(relay(0.0, 0.0), narrowest=narrow)), form("", relay(0.3, 0.29))
     )

@@ -236,7 +236,7 @@ class Baseline:
             if not shapes:
                 continue
 
-            @functools.lru_cache(None)
+            @functools.cache
             def misfit(candidate: Mechanism, others: Simulator = simulator) -> float:
                 tried = cls(others.with_mechanism(candidate), runs=names_of_runs, given=given)
                 output = less(tried.less_stated(data).output)
@@ -248,7 +248,7 @@ class Baseline:
             names = [shape.name for shape in shapes]
             grid = type(mechanism).grid([run.binned for run in data.runs])
             points = [_with(mechanism, {name: getattr(point, name) for name in names}) for point in grid]
-            starts = sorted({*points, mechanism}, key=misfit)[:_STARTS]
+            starts = sorted(dict.fromkeys((*points, mechanism)), key=misfit)[:_STARTS]
             best = min((_descended(start, shapes, misfit) for start in starts), key=misfit)
             simulator = simulator.with_mechanism(best)
         found = cls(simulator, given=given).linearised(data, beside)

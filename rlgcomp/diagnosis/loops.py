@@ -326,6 +326,7 @@ def _as_ladder(hops: Sequence[Relays]) -> tuple[Relays, ...]:
         facing = [other for other in hops if other is not hop and priors.WIDEST_DEAD_BAND < max(_band(hop), _band(other))]
         low = max((0.5 * (hop.down[0] + other.up[0]) for other in facing if other.up[0] < hop.up[0]), default=-math.inf)
         high = min((0.5 * (hop.up[0] + other.down[0]) for other in facing if other.up[0] > hop.up[0]), default=math.inf)
-        widest = priors.WIDEST_DEAD_BAND if _band(hop) <= priors.WIDEST_DEAD_BAND else priors.WIDEST_OF_ONE
+        narrow = len(hops) > 1 and _band(hop) <= priors.WIDEST_DEAD_BAND  # a hop that stands alone may widen
+        widest = priors.WIDEST_DEAD_BAND if narrow else priors.WIDEST_OF_ONE
         found.append(dataclasses.replace(hop, narrowest=0.0, widest=widest, low=low, high=high))
     return tuple(found)
