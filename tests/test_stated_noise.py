@@ -13,6 +13,7 @@ from rlgcomp.cli.diagnosis import measured_noise
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.hypotheses import Hypotheses
+from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording
@@ -44,6 +45,32 @@ def test_a_walk_is_noise_unless_a_calmer_gyro_is_stated(walking: list[Recording]
     assert found.healthy < 1e-3
 
 
+def test_slow_noise_that_the_simulator_states_is_believed(walking: list[Recording]) -> None:
+    def diagnosed(noise: NoiseModel) -> Diagnosis:
+        return diagnose(dataclasses.replace(BASELINE, noise=noise), walking, only=FEW, black_box=False)
+
+    found = diagnosed(CALM)
+    assert found.verdict == "unknown"
+    assert found.messages[0].code == "diagnosis.wander"
+    assert found.messages[0].data["stated"] is True
+    assert diagnosed(WALKING).verdict == "none"
+    assert diagnosed(dataclasses.replace(CALM, white=False)).verdict == "none"  # of slow noise nothing is stated
+
+
+def test_white_noise_that_the_simulator_states_is_not_held_against_the_runs() -> None:
+    found = diagnose(dataclasses.replace(BASELINE, noise=HALF), recorded(CALM), only=FEW, black_box=False)
+    assert found.verdict == "none"
+    assert found.noise.angle_random_walk_deg_sqrt_h == pytest.approx(0.0005, rel=0.1)
+
+
+def test_what_the_simulator_leaves_out_of_its_slow_noise_is_estimated(walking: list[Recording]) -> None:
+    grid, flicker = Grid.of(walking), NoiseModel(angle_random_walk_deg_sqrt_h=0.0005, bias_instability_deg_h=0.001)
+    data = Data(tuple(Run.of(run, grid, Recording.rate_deg_h) for run in walking), noise=flicker)
+    found = Hypotheses.of(data)
+    assert len(found.flickers) == 3
+    assert {0.0, 30.0} <= set(found.walks)
+
+
 def test_louder_white_noise_than_stated_is_not_none() -> None:
     runs = recorded(CALM)
     assert diagnose(BASELINE, runs, only=FEW, black_box=False, noise=CALM).verdict == "none"
@@ -67,7 +94,7 @@ def test_limits_bound_slow_noise_from_above(walking: list[Recording]) -> None:
     limited = dataclasses.replace(CALM, at_most=(0.001, np.inf))
     data = Data(tuple(Run.of(run, grid, Recording.rate_deg_h) for run in walking), noise=limited)
     found = Hypotheses.of(data)
-    assert max(found.flickers) == pytest.approx(0.001 / data.known.white)
+    assert max(found.flickers) == pytest.approx(0.001 / data.stated_white)
     assert {0.0, 30.0} <= set(found.walks)
     assert sum(np.exp(list(found.log_prior().values()))) == pytest.approx(1.0)
 

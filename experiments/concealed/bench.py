@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from experiments.concealed import baseline, nuisance, observer
 from experiments.concealed.case import Case, Spans, means
-from experiments.concealed.chamber import SUPPLIES, WINDOW_S, Chamber, Unit
+from experiments.concealed.chamber import SUPPLIES, WINDOW_S, Chamber, Unit, swings_degC
 from experiments.concealed.effects import BLOCK, CATALOGUED, OUTSIDE, Effect
 from experiments.concealed.informed import Acting, Informed
 from experiments.concealed.logger import Logger, Scale
@@ -27,6 +27,7 @@ _LEAST_LEFT = 0.1  # of an effect, that the simulator cannot absorb
 _MOST_HELD_OUT = 6.0  # times as large as in the training runs
 _LEAST_LOOP = 0.5  # of the unabsorbed part of a hysteresis, that no function of the temperature takes
 _NOTHING = 1e-9
+_HISTORIES = 32  # over which a prediction is averaged
 _LAG_NATS = 1.0  # what the thermometers' lag may tell of a healthy gyro
 
 
@@ -49,6 +50,7 @@ class Bench:
     chambers: tuple[Chamber, ...]
     samples: int
     parts: list[baseline.Part]
+    swings: bool  # between random temperatures before every run, which nobody recorded
 
     @classmethod
     def of(cls, plan: Plan, laboratory: Laboratory | None) -> Bench:
@@ -63,7 +65,8 @@ class Bench:
         for run, programme in programmes.items():
             chambers.append(unit.run(stream(plan.seed, f"chamber:{run}"), programme, chambers[-1] if chambers else None))
         parts = baseline.draw(stream(plan.seed, "baseline"), plan.hidden)
-        return cls(plan.seed, tuple(programmes), training, tuple(chambers), round(WINDOW_S / unit.step_s), parts)
+        samples, swings = round(WINDOW_S / unit.step_s), unit.before == "cycles"
+        return cls(plan.seed, tuple(programmes), training, tuple(chambers), samples, parts, swings)
 
     def means(self, blocks: Sequence[Array]) -> Array:
         """Window means of the training runs, one under the other."""
@@ -105,6 +108,17 @@ class Bench:
         ]
         mean = 0.0 if effect.repeats else float(self.means(found).mean())
         return [one - mean for one in found]
+
+    def expected(self, effect: Effect, seen: Sequence[Chamber]) -> list[Array]:
+        """Of unit size for one who has the readings, run by run: held out, the mean over what may have come before a run."""
+        found = self.values(effect, seen)
+        if not (self.swings and effect.memory == "rate-independent"):
+            return found
+        for k in range(self.training, len(found)):
+            rng = stream(self.seed, f"before:{self.runs[k]}")
+            possible = (dataclasses.replace(seen[k], history_degC=swings_degC(rng)) for _ in range(_HISTORIES))
+            found[k] = np.mean([effect.law(chamber, rng) for chamber in possible], axis=0)
+        return found
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,7 +217,7 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
     for effect, strength, size, values in zip(effects, plan.strengths, made.sizes, made.added, strict=True):
         variance = float(np.var(bench.means(values)))
         process = None if effect.correlation is None else (variance, effect.correlation)
-        acting.append(Acting(effect, strength, [size * one for one in bench.values(effect, seen)], process))
+        acting.append(Acting(effect, strength, [size * one for one in bench.expected(effect, seen)], process))
     informed = Informed(noise, bench.samples, bench.training, seen, bench.columns(seen), made.nuisance.columns, acting, made.gyro)
     outside = plan.kind == "outside"
     return Case(

@@ -142,7 +142,7 @@ class Unit:
         return Chamber(time_s, rate_K_min, {**temperatures, **optics, **supplies}, history)
 
     def _history(self, rng: np.random.Generator, first_degC: float, previous: Chamber | None) -> Array:
-        cycles = rng.uniform(COLDEST_DEG_C - 10.0, HOTTEST_DEG_C + 10.0, int(rng.integers(2, 9)))
+        cycles = swings_degC(rng)
         if self.before == "rest":
             return np.asarray(first_degC + 150.0 * (-0.9) ** np.arange(60))
         if self.before == "cycles" or previous is None:
@@ -173,6 +173,11 @@ class Unit:
             state = phi @ state + push
             states[k] = state
         return states[:, 1], states[:, 2], states[:, 3]
+
+
+def swings_degC(rng: np.random.Generator) -> Array:
+    """Random temperatures between which a unit went before a run."""
+    return rng.uniform(COLDEST_DEG_C - 10.0, HOTTEST_DEG_C + 10.0, int(rng.integers(2, 9)))
 
 
 def wander(time_s: Array, correlation_s: float, rng: np.random.Generator) -> Array:

@@ -56,7 +56,7 @@ class Case:
     window_s : float, optional
         By default such that the longest run has 400 windows.
     noise : NoiseModel, optional
-        Measured at rest.
+        Measured at rest; by default the slow noise that the simulator states.
     """
 
     runs: Prepared
@@ -92,7 +92,8 @@ class Case:
     def data(self, recordings: Sequence[Recording]) -> Data:
         """Recordings on the grid of the training runs."""
         other = tuple(name for name in (self.column, SIMULATED if self.runs.own else None) if name is not None)
-        return Data(tuple(self._run(recording, other) for recording in recordings), other, self.noise)
+        stated = self.runs.base.noise if self.noise is None and self.column is None else self.noise
+        return Data(tuple(self._run(recording, other) for recording in recordings), other, stated)
 
     def _run(self, recording: Recording, other: tuple[str, ...]) -> Run:
         """A recording on the grid, computed once; columns that are derived from it are not shared."""

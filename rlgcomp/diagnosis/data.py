@@ -328,7 +328,7 @@ class Data:
     other : tuple of str
         Recorded columns that drive nothing: the output, a user's simulation of it.
     noise : NoiseModel, optional
-        As stated.
+        As stated; what a simulator states of white noise is not held against the runs, which show it.
     changed : callable, optional
         What is stated of a run beyond what its output lacks, shape (bins,).
     """
@@ -341,11 +341,16 @@ class Data:
     @functools.cached_property
     def known(self) -> Known:
         """What the stated noise says of the white one."""
-        if self.noise is None:
+        if self.noise is None or not self.noise.measured:
             return Known()
-        strength = self.noise.angle_random_walk_deg_sqrt_h
-        error = max(self.noise.sds[0] / strength or priors.STATED_ERROR, priors.LEAST_STATED_ERROR)
-        return Known(arw_rate_sd_deg_h(strength, self.runs[0].grid.window_s), 0.5 / error**2)
+        error = max(self.noise.sds[0] / self.noise.angle_random_walk_deg_sqrt_h or priors.STATED_ERROR, priors.LEAST_STATED_ERROR)
+        return Known(self.stated_white, 0.5 / error**2)
+
+    @property
+    def stated_white(self) -> float:
+        """Standard deviation of a window mean as stated; zero where none is."""
+        strength = 0.0 if self.noise is None else self.noise.angle_random_walk_deg_sqrt_h
+        return arw_rate_sd_deg_h(strength, self.runs[0].grid.window_s)
 
     @functools.cached_property
     def output(self) -> Array:

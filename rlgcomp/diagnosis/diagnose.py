@@ -93,7 +93,8 @@ def diagnose(
     window_s : float, optional
         Averaging time; by default such that the longest run has 400 windows.
     noise : NoiseModel, optional
-        Of this gyro at rest, measured: the runs are held against it. By default it is estimated from the runs.
+        Of this gyro at rest, measured: the runs are held against it. By default slow noise is as the simulator states it, where it
+        does, and all else is estimated from the runs.
     chamber : (float, float, float), optional
         Lowest and highest temperature in degC and fastest ramp in degC/min for the next experiment; by default as recorded.
     black_box : bool
@@ -282,7 +283,7 @@ def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None
         raise InputError(f"the noise given is that of a gyro, and the output is {output!r}; leave the noise out")
     if noise.angle_random_walk_deg_sqrt_h == 0.0:
         raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
-    return noise
+    return dataclasses.replace(noise, measured=True)
 
 
 def _candidates(

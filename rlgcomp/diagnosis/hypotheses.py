@@ -40,10 +40,9 @@ class Hypotheses:
     def of(cls, data: Data) -> Self:
         """Of the data's stated noise; of all gyros where nothing is stated of slow noise: an angle random walk alone is a size."""
         encoders = dict(priors.ENCODERS) if data.turns else {0.0: 1.0}
-        noise = data.noise
-        if noise is None or not (noise.white or any(noise.at_most) or any(_slow(noise))):
+        noise, white, hours = data.noise, data.stated_white, data.longest_s / 3600.0
+        if noise is None or not white or not (noise.white or any(noise.at_most) or any(_slow(noise))):
             return cls(priors.FLICKERS, priors.WALKS, priors.WANDERS, encoders)
-        white, hours = data.known.white, data.longest_s / 3600.0
         flickers = _stated(noise, 1, 1.0 / white, priors.FLICKERS)
         walks = _stated(noise, 2, math.sqrt(hours) / white, priors.WALKS)
         grid = data.runs[0].grid
@@ -110,6 +109,8 @@ def _slow(noise: NoiseModel) -> tuple[float, float]:
 def _stated(noise: NoiseModel, which: int, scale: float, usual: Mapping[float, float]) -> dict[float, float]:
     """Values of a slow noise over the white one, of a stated strength with its error, or of those that a limit allows.
 
+    A simulator that leaves one of them out says nothing of it; one that states both as zero says that there is none.
+
     Parameters
     ----------
     noise : NoiseModel
@@ -126,6 +127,6 @@ def _stated(noise: NoiseModel, which: int, scale: float, usual: Mapping[float, f
         below = {size: share for size, share in usual.items() if size <= limit * scale}
         return below if math.isinf(limit) else below | {limit * scale: min(below.values())}
     if not value:
-        return {0.0: 1.0}
+        return {0.0: 1.0} if noise.white or noise.measured else dict(usual)
     error = noise.sds[which] / value or priors.STATED_SLOW_ERROR
     return {value * scale * math.exp(node * min(error, 1.0)): share for node, share in _NODES.items()}

@@ -15,6 +15,7 @@ from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import within
 from rlgcomp.diagnosis.findings import Cause
 from rlgcomp.diagnosis.fit import Estimate
+from rlgcomp.diagnosis.hypotheses import Hypotheses
 from rlgcomp.diagnosis.lateness import LATE, LATE_MONITOR, LATE_THERMOMETER
 from rlgcomp.diagnosis.memories import Plays, Preisach, rest_of
 from rlgcomp.diagnosis.nuisances import RUN_BIAS
@@ -59,7 +60,8 @@ def headline(record: Record) -> Message:
         ]
         return message("diagnosis.law", simulator=simulator, causes=causes, laws=laws, slow_error=slow)
     if record.decision.wander:
-        return message("diagnosis.wander", simulator=simulator, causes=causes, probability=record.posterior.of_latent("wander"))
+        probability, stated = record.posterior.of_latent("wander"), Hypotheses.of(record.after.data).stated
+        return message("diagnosis.wander", simulator=simulator, causes=causes, probability=probability, stated=stated)
     return message("diagnosis.causes", simulator=simulator, causes=causes, slow_error=slow)
 
 

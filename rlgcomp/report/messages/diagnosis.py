@@ -77,8 +77,9 @@ def law(
     return f"{_lacks(simulator, causes)}{listing(texts)}; no candidate mechanism has {form}.{also}{_small(slow_error)}"
 
 
-def wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float) -> str:
-    return f"{_lacks(simulator, causes)}{_SLOW} (probability {probability_text(probability)})."
+def wander(simulator: str, causes: Sequence[Mapping[str, Any]], probability: float, *, stated: bool = False) -> str:
+    beyond = ", beyond the slow noise that is stated" if stated else ""
+    return f"{_lacks(simulator, causes)}{_SLOW}{beyond} (probability {probability_text(probability)})."
 
 
 def louder(simulator: str, ratio: float, p_value: float) -> str:
