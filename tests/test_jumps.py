@@ -106,6 +106,6 @@ def test_what_jumps_between_levels_of_its_own_is_something_unrecorded(data: Data
     path = np.where(np.arange(len(data)) % 40 < 30, 1.0, -1.0)
     two = Telegraph(3.0, 1.0, 20.0, path, 30.0, 0.0)
     assert State((), Noise(), 0.0, telegraph=two).key[1] == "telegraph"
-    many = State((), Noise(), 0.0, telegraph=dataclasses.replace(two, two_valued=False))
+    many = State((), Noise(), 0.0, telegraph=dataclasses.replace(two, kind="levels"))
     assert many.key[1] == "wander"
     assert many.wander == pytest.approx(3.0)

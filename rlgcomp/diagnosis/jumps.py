@@ -182,7 +182,7 @@ class Divided(Problem):
             found.levels / spread,
             float(found.count - len(self.data.runs)),
             found.log_evidence + found.log_parts,
-            two_valued=False,
+            kind="levels",
         )
 
 

@@ -197,15 +197,16 @@ class Members:
             value, member = self.polished(*more, given, last=True)
 
     def looked_for_anew(self, region: Region, found: tuple[float, Member], others: Set, noise: Noise) -> tuple[float, Member]:
-        """A form that has grown, each of its further leading bases in turn left out and others looked for in its place."""
+        """A form that has grown, each of its leading bases in turn left out and others looked for in its place, until none is."""
         assert region.grow is not None and region.shrink is not None  # noqa: S101, PT018
-        given = self.given(noise, others)
-        while True:
-            fewer = [self.best(given, form) for form in region.shrink(found[1].form)]
-            best = max((self.grown_from(one, region.grow, others, noise) for one in fewer), key=lambda one: one[0], default=found)
-            if best[0] <= found[0] + WORTH_MORE:
-                return found
-            found = best
+        given, at, kept = self.given(noise, others), 0, 0
+        while kept < len(fewer := list(region.shrink(found[1].form))):
+            tried = self.grown_from(self.best(given, fewer[at % len(fewer)]), region.grow, others, noise)
+            if tried[0] > found[0] + WORTH_MORE:
+                found, kept = tried, 0  # what was next has moved to this place
+            else:
+                at, kept = at + 1, kept + 1
+        return found
 
     def pruned(self, region: Region, form: Form, others: Set, noise: Noise) -> tuple[float, Member]:
         """A form that has grown, without those of its further leading bases that are not worth their place beside others."""

@@ -40,6 +40,8 @@ WANDER_ODDS: Final = 0.05
 """Odds that something unrecorded wanders: more usual than any one mechanism, as laboratories record half of what these follow."""
 JUMPS_ODDS: Final = 0.02
 """Odds that something unrecorded jumps between levels of their own: a fan, a load or a valve with many settings."""
+BENT_ODDS: Final = 0.025
+"""Odds that something unrecorded wanders and acts through a function that bends: half as usual as in proportion."""
 
 # --- sizes ---------------------------------------------------------------------------------------------------------------------
 
@@ -111,7 +113,7 @@ MORE_STEPS: Final = 0.7
 LOG_HOP: Final = math.log(MORE_STEPS / (THRESHOLDS * len((*DEAD_BANDS, *WIDE_DEAD_BANDS))))
 LOG_RELAY: Final = math.log(MORE_STEPS / (FURTHER_RELAYS * (FURTHER_RELAYS - 1) / 2))
 """Log prior of one more hop at its level with its dead band, and of one more relay of a hysteresis at its place in the plane."""
-MOST_STEPS: Final = 12
+MOST_STEPS: Final = 30
 """Members of a ladder, or relays, that are sought one by one."""
 
 # --- noise ---------------------------------------------------------------------------------------------------------------------

@@ -287,7 +287,7 @@ def _forms(record: Record) -> Iterator[Message]:
     if record.decision.unstated:
         yield message("diagnosis.unstated", regions=record.decision.unstated, named=[one.name for one in record.members])
     seen = record.after.state.telegraph
-    if record.decision.wander and seen is not None and not seen.two_valued:
+    if record.decision.wander and seen is not None and seen.kind == "levels":
         window_s = record.after.data.runs[0].grid.window_s
         yield message("diagnosis.jumps", count=round(seen.jumps), dwell_s=seen.dwell * window_s)
     yield from _cancelling(record)

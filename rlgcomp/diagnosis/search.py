@@ -24,6 +24,7 @@ from rlgcomp.diagnosis.selections import selections
 from rlgcomp.diagnosis.states import MOST, ROUNDS_OF_ERRORS, WITHIN_REACH, State, States
 from rlgcomp.diagnosis.telegraph import Telegraph, slow_columns, telegraph
 from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.unrecorded import unrecorded
 
 Array = npt.NDArray[np.float64]
 _BEAM: Final = 4  # states that are expanded at each size
@@ -250,7 +251,7 @@ class Search(States):
         return found
 
     def _with_processes(self, members: Set) -> list[State]:
-        """A set with each kind of process that jumps beside it, at its likeliest noise."""
+        """A set with each kind of process beside it, one that jumps at its likeliest noise."""
         table = columns_of(self.bank, members)
         errors: Errors | None = None
         for _ in range(ROUNDS_OF_ERRORS):
@@ -258,10 +259,12 @@ class Search(States):
             errors = None if found_errors is None else found_errors.without_outliers
         white = self.bank.data.white + (0.0 if errors is None else errors.variances)
         noise = self.calmest(errors)
-        processes = self._processes(table, self._slow(table), white, noise)
-        if not processes:
-            return []
+        courses = self._slow(table)
+        processes = self._processes(table, courses, white, noise)
         seen = [self._with(one, members, noise) for one in processes]
+        seen += self._bent(members, courses, white, noise)
+        if not processes:
+            return seen
         slower = self._noise_beside(processes[0].path, members, noise)
         if slower != noise:
             seen += [self._with(one, members, slower) for one in self._processes(table, processes[:1], white, slower)]
@@ -279,20 +282,36 @@ class Search(States):
                 return state
             state = best
 
+    def _bent(self, members: Set, courses: Sequence[Array], white: Array, noise: Noise) -> list[State]:
+        """A set with something beside it that acts through a function, where its noise is more than what surely is there."""
+        known = [state for state in self.visited.values() if state.members == members and state.telegraph is None]
+        if all(state.noise.of_gyro == noise.of_gyro for state in known):
+            return []
+        prior = self.log_prior(members) + math.log(priors.BENT_ODDS) + self.log_prior_of(noise)
+        table, variance = self._beside_slow(columns_of(self.bank, members), white, noise)
+        least = max(state.log_point for state in known) - prior
+        found = unrecorded(self.bank.data, self.bank.design, table, courses, variance, least)
+        return [] if found is None else [self._with(found, members, noise)]
+
     def _with(self, seen: Telegraph, members: Set, noise: Noise) -> State:
-        odds = priors.NAMED_ODDS if seen.two_valued else priors.JUMPS_ODDS
+        odds = {"two values": priors.NAMED_ODDS, "levels": priors.JUMPS_ODDS, "function": priors.BENT_ODDS}[seen.kind]
         log_point = seen.log_evidence + self.log_prior(members) + math.log(odds) + self.log_prior_of(noise)
         return State(members, noise, log_point, telegraph=seen)
 
     def _processes(self, table: Array, starts: Sequence[Array | Telegraph], white: Array, noise: Noise) -> list[Telegraph]:
         """A two-state process beside columns of a set and its rival, jumps to levels of their own, under a noise of the gyro."""
         data, design = self.bank.data, self.bank.design
-        if noise.of_gyro != Noise():
-            slow, rest = slow_columns(data, noise)
-            table, white = np.hstack([table, slow]), white + rest
+        table, white = self._beside_slow(table, white, noise)
         two = telegraph(data, design, table, starts, white)
         many = None if two is None else jumps(data, design, table, two, white)
         return [one for one in (two, many) if one is not None]
+
+    def _beside_slow(self, table: Array, white: Array, noise: Noise) -> tuple[Array, Array]:
+        """Columns of a set and those of slow noise, and the variance of all that is white."""
+        if noise.of_gyro == Noise():
+            return table, white
+        slow, rest = slow_columns(self.bank.data, noise)
+        return np.hstack([table, slow]), white + rest
 
     def _noise_beside(self, path: Array, members: Set, noise: Noise) -> Noise:
         """The likeliest noise beside a set and a two-state path that is taken as known, climbing over the grid from one."""

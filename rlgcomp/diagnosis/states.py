@@ -309,21 +309,23 @@ class States(Members):
             return []
         found = [self.polished(*best, given)[1], *self._rougher(region, given, white)]
         grow = region.grow
-        if grow is not None and (state.noise != white or self.switches(own.form) or region.nuisance):
-            grown = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
-            found += [member for _, member in grown]
-            if region.shrink is not None:
-                found.append(self._grown_anew(region, grown[-1], others, white))
-        return found
+        if grow is None or not (state.noise != white or self.switches(own.form) or region.nuisance):
+            return found
+        before = self._grown_forms.get(region.key)
+        if before is not None and others:  # what grew beside other sets is nearer than what would grow from one threshold again
+            return [*found, self.grown_from(self.pruned(region, before, others, white), grow, others, white)[1]]
+        grown = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
+        found += [member for _, member in grown]
+        return found if region.shrink is None else [*found, self._grown_anew(region, grown[-1], others, white)]
 
     def _grown_anew(self, region: Region, grown: tuple[float, Member], others: Set, noise: Noise) -> Member:
-        """From what has grown before and what has grown now the likelier; at first its leading bases are looked for anew."""
+        """From what has grown before and what has grown now the likelier, its leading bases looked for anew."""
         assert region.grow is not None  # noqa: S101
-        known = self._grown_forms.get(region.key)
-        if known is not None:
-            again = self.grown_from(self.pruned(region, known, others, noise), region.grow, others, noise)
+        before = self._grown_forms.get(region.key)
+        if before is not None:
+            again = self.grown_from(self.pruned(region, before, others, noise), region.grow, others, noise)
             grown = max(grown, again, key=lambda one: one[0])
-        if (known is None or not others) and self._near_the_top((*others, grown[1]), noise):
+        if self._near_the_top((*others, grown[1]), noise):
             grown = self.looked_for_anew(region, grown, others, noise)
             self._grown_forms[region.key] = grown[1].form
         return grown[1]

@@ -18,7 +18,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Final, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,7 @@ _WORTH: Final = 0.3  # nats that a turned part must gain
 _FEWEST_JUMPS: Final = 2.0
 _LEAST_LOG: Final = -700.0  # of a likelihood over the largest
 _FAR: Final = -35.0  # where the error function's complement still has all of its digits
-_CLEAR: Final = 5.0  # standard deviations of the half step, for Laplace's approximation
+CLEAR: Final = 5.0  # standard deviations of the half step, for Laplace's approximation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,9 +66,10 @@ class Telegraph:
         On the scale of :class:`~rlgcomp.diagnosis.evidence.Evidence`.
     ratio : float
         Of the mean times in the upper and in the lower state.
-    two_valued : bool
-        Whether it has two values; else it jumps between levels of their own (:mod:`~rlgcomp.diagnosis.jumps`), the half step is
-        their standard deviation, and the path is the level over that.
+    kind : {"two values", "levels", "function"}
+        Whether it has two values; or jumps between levels of their own (:mod:`~rlgcomp.diagnosis.jumps`), or wanders and acts
+        through a function (:mod:`~rlgcomp.diagnosis.unrecorded`): then the half step is their standard deviation, the path is over
+        that, and the dwell is the correlation time.
     """
 
     half_step: float
@@ -78,7 +79,12 @@ class Telegraph:
     jumps: float
     log_evidence: float
     ratio: float = 1.0
-    two_valued: bool = True
+    kind: Literal["two values", "levels", "function"] = "two values"
+
+    @property
+    def two_valued(self) -> bool:
+        """Whether it has two values."""
+        return self.kind == "two values"
 
 
 def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | Telegraph], white: Array) -> Telegraph | None:
@@ -106,7 +112,7 @@ def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | 
         if again.log_evidence < found.log_evidence + _SAME:
             break
         found = again
-    if found.jumps < _FEWEST_JUMPS or found.half_step * math.sqrt(len(data)) < _CLEAR * found.sigma:
+    if found.jumps < _FEWEST_JUMPS or found.half_step * math.sqrt(len(data)) < CLEAR * found.sigma:
         return None
     return found
 
@@ -179,6 +185,34 @@ class Problem:
         found[range(self.flat, len(found)), range(self.flat, len(found))] += 1.0
         return np.asarray(found)
 
+    def log_evidence(self, log_likelihood: float, variance: float, weights: Array, log_det: float) -> float:
+        """Laplace's approximation of the integral over weights and σ; constants as in a Gaussian evidence without its own.
+
+        The Gaussian evidence leaves out log Γ(g/2) - log 2 - (f/2) log π + (g - f)/2 log 2 of f degrees of freedom, of g with the
+        windows that stated noise counts for.
+
+        Parameters
+        ----------
+        log_likelihood : float
+            Of the data without the normaliser of the noise.
+        variance : float
+            Of the white noise.
+        weights : ndarray
+            Those of the baseline, flat, and then all that have a prior.
+        log_det : float
+            Of their information.
+        """
+        n, known = len(self.root), self.data.known
+        freedom = n - self.flat
+        total = log_likelihood - 0.5 * n * math.log(2.0 * math.pi * variance) - float(np.sum(np.log(self.root)))
+        total -= 0.5 * float(np.sum(weights[self.flat :] ** 2)) / variance
+        total += 0.5 * self.flat * math.log(2.0 * math.pi * variance) - 0.5 * log_det
+        all_of_them = freedom + known.windows
+        total -= 0.5 * (known.windows * math.log(variance) + known.square / variance)
+        total += 0.5 * math.log(math.pi / all_of_them)  # of log σ
+        left_out = math.lgamma(0.5 * all_of_them) - math.log(2.0) - 0.5 * freedom * math.log(math.pi)
+        return total - (left_out + 0.5 * known.windows * math.log(2.0))
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _TwoStates(Problem):
@@ -246,23 +280,10 @@ class _TwoStates(Problem):
         return Telegraph(size, math.sqrt(variance), dwell, path, jumps, value, ratio)
 
     def _log_evidence(self, log_likelihood: float, variance: float, size: float, weights: Array) -> float:
-        """Laplace's approximation of the integral over β, w, a and σ; constants as in a Gaussian evidence without its own.
-
-        The Gaussian evidence leaves out log Γ(g/2) - log 2 - (f/2) log π + (g - f)/2 log 2 of f degrees of freedom, of g with the
-        windows that stated noise counts for.
-        """
-        n, known = len(self.root), self.data.known
-        freedom = n - self.flat
-        total = log_likelihood - 0.5 * n * math.log(2.0 * math.pi * variance) - float(np.sum(np.log(self.root)))
-        total -= 0.5 * float(np.sum(weights[self.flat :] ** 2)) / variance
-        total += 0.5 * self.flat * math.log(2.0 * math.pi * variance) - 0.5 * self.log_det
-        all_of_them = freedom + known.windows
-        total -= 0.5 * (known.windows * math.log(variance) + known.square / variance)
-        total += 0.5 * math.log(math.pi / all_of_them)  # of log σ
-        relative_error = math.sqrt(variance / n) / size  # of log a
-        total += math.log(math.sqrt(2.0 * math.pi) * relative_error / math.log(priors.SIZES[-1] / priors.SIZES[0]))
-        left_out = math.lgamma(0.5 * all_of_them) - math.log(2.0) - 0.5 * freedom * math.log(math.pi)
-        return total - (left_out + 0.5 * known.windows * math.log(2.0))
+        """With the volume of log a about its likeliest value, which is log-uniform."""
+        relative_error = math.sqrt(variance / len(self.root)) / size
+        volume = math.log(math.sqrt(2.0 * math.pi) * relative_error / math.log(priors.SIZES[-1] / priors.SIZES[0]))
+        return self.log_evidence(log_likelihood, variance, weights, self.log_det) + volume
 
     def turned(self, found: Telegraph) -> Array:
         """The path of a process with parts of runs turned to the other state, one by one, as long as that is likelier.
