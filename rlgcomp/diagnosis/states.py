@@ -90,7 +90,8 @@ class States(Members):
         self._beside_processes: dict[Set, list[State]] = {}
         self._near: set[str] = set()
         self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
-        self._grown_forms: dict[str, Form] = {}  # the form of each region that has grown and was looked for anew
+        self._grown_forms: dict[str, Form] = {}  # the form of each region that has grown
+        self._looked_for: set[str] = set()  # regions whose form was looked for anew
         self._errors: list[Errors] = []
         self._outliers: tuple[int, ...] | None = None
 
@@ -311,24 +312,32 @@ class States(Members):
         grow = region.grow
         if grow is None or not (state.noise != white or self.switches(own.form) or region.nuisance):
             return found
-        before = self._grown_forms.get(region.key)
-        if before is not None and others:  # what grew beside other sets is nearer than what would grow from one threshold again
-            return [*found, self.grown_from(self.pruned(region, before, others, white), grow, others, white)[1]]
-        grown = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
-        found += [member for _, member in grown]
-        return found if region.shrink is None else [*found, self._grown_anew(region, grown[-1], others, white)]
-
-    def _grown_anew(self, region: Region, grown: tuple[float, Member], others: Set, noise: Noise) -> Member:
-        """From what has grown before and what has grown now the likelier, its leading bases looked for anew."""
-        assert region.grow is not None  # noqa: S101
-        before = self._grown_forms.get(region.key)
+        before, grown = self._grown_forms.get(region.key), []
         if before is not None:
-            again = self.grown_from(self.pruned(region, before, others, noise), region.grow, others, noise)
-            grown = max(grown, again, key=lambda one: one[0])
-        if self._near_the_top((*others, grown[1]), noise):
-            grown = self.looked_for_anew(region, grown, others, noise)
-            self._grown_forms[region.key] = grown[1].form
-        return grown[1]
+            grown = [self.grown_from(self.pruned(region, before, others, white), grow, others, white)]
+        if before is None or not others:  # beside others what has grown is nearer than what would grow from one threshold again
+            grown += [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
+        found += [member for _, member in grown]
+        return found if region.shrink is None else [*found, self._looked_for_anew(region, grown, others, white)]
+
+    def _looked_for_anew(self, region: Region, grown: Sequence[tuple[float, Member]], others: Set, noise: Noise) -> Member:
+        """The likeliest that has grown; alone, or once the set may become the likeliest, its leading bases are looked for anew.
+
+        Parameters
+        ----------
+        region : Region
+        grown : sequence of (float, Member)
+            The last of them from one threshold, or from what has grown before.
+        others : tuple of Member
+        noise : Noise
+        """
+        found = max((grown[0], grown[-1]) if region.key in self._grown_forms else grown[-1:], key=lambda one: one[0])
+        if (region.key not in self._looked_for or not others) and self._near_the_top((*others, found[1]), noise):
+            found = self.looked_for_anew(region, found, others, noise)
+            self._looked_for.add(region.key)
+            self._grown_forms[region.key] = found[1].form
+        self._grown_forms.setdefault(region.key, found[1].form)
+        return found[1]
 
     def _near_the_top(self, members: Set, noise: Noise) -> bool:
         """Whether a set may become the likeliest; what is far behind is not looked for anew."""
