@@ -262,7 +262,7 @@ class Search(States):
         courses = self._slow(table)
         processes = self._processes(table, courses, white, noise)
         seen = [self._with(one, members, noise) for one in processes]
-        seen += self._bent(members, courses, white, noise)
+        seen += self._bent(members, courses)
         if not processes:
             return seen
         slower = self._noise_beside(processes[0].path, members, noise)
@@ -282,15 +282,20 @@ class Search(States):
                 return state
             state = best
 
-    def _bent(self, members: Set, courses: Sequence[Array], white: Array, noise: Noise) -> list[State]:
+    def _bent(self, members: Set, courses: Sequence[Array]) -> list[State]:
         """A set with something beside it that acts through a function, where its noise is more than what surely is there."""
         known = [state for state in self.visited.values() if state.members == members and state.telegraph is None]
-        if all(state.noise.of_gyro == noise.of_gyro for state in known):
+        if not known:
+            return []
+        best = max(known, key=lambda state: state.log_point)
+        errors = best.noise.errors  # outliers among them, which a function of something that moves fast would meet
+        noise = self.calmest(errors)
+        if best.noise.of_gyro == noise.of_gyro:
             return []
         prior = self.log_prior(members) + math.log(priors.BENT_ODDS) + self.log_prior_of(noise)
-        table, variance = self._beside_slow(columns_of(self.bank, members), white, noise)
-        least = max(state.log_point for state in known) - prior
-        found = unrecorded(self.bank.data, self.bank.design, table, courses, variance, least)
+        white = self.bank.data.white + (0.0 if errors is None else errors.variances)
+        table, white = self._beside_slow(columns_of(self.bank, members), white, noise)
+        found = unrecorded(self.bank.data, self.bank.design, table, courses, white, best.log_point - prior)
         return [] if found is None else [self._with(found, members, noise)]
 
     def _with(self, seen: Telegraph, members: Set, noise: Noise) -> State:
