@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.telegraph import telegraph
-from rlgcomp.diagnosis.unrecorded import _USUAL, _Z, _moves, _path, unrecorded
+from rlgcomp.diagnosis.unrecorded import PLACES, USUAL, moves_in_a_window, over_paths, unrecorded
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording
 from tests.two_hour_runs import BASELINE, PROGRAMMES, runs_of
@@ -52,7 +52,7 @@ def test_all_paths_are_summed() -> None:
         p *= math.exp(sum(log_likelihood[k, j] for k, j in enumerate(path)))
         total += p
         shares[range(6), path] += p
-    found, posterior = _path(log_likelihood, moves, usual, begin)
+    found, posterior = over_paths(log_likelihood, moves, usual, begin)
     assert found == pytest.approx(math.log(total), abs=1e-12)
     np.testing.assert_allclose(posterior, shares / total, atol=1e-12)
 
@@ -62,7 +62,9 @@ def test_through_a_straight_law_it_is_a_gauss_markov_process(windows: float, siz
     rng = np.random.default_rng(6)
     output = size * wander(rng, 80, windows) + rng.standard_normal(80)
     begin = np.arange(80) == 0
-    found, _ = _path(-0.5 * (output[:, None] - size * _Z) ** 2 - 0.5 * math.log(2.0 * math.pi), _moves(windows), _USUAL, begin)
+    found, _ = over_paths(
+        -0.5 * (output[:, None] - size * PLACES) ** 2 - 0.5 * math.log(2.0 * math.pi), moves_in_a_window(windows), USUAL, begin
+    )
     apart = np.abs(np.subtract.outer(np.arange(80), np.arange(80)))
     exact = multivariate_normal.logpdf(output, cov=size**2 * np.exp(-apart / windows) + np.eye(80))
     assert found == pytest.approx(exact, abs=0.5)

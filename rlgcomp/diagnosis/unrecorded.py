@@ -32,7 +32,7 @@ from rlgcomp.diagnosis.telegraph import CLEAR, Problem, Telegraph
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
-_PLACES: Final = 41  # of z, in equal steps
+_COUNT: Final = 41  # of z, in equal steps
 _FARTHEST: Final = 3.0  # standard deviations of z
 _BEND: Final = 1.0  # correlation length of the function, in standard deviations of z
 _STRAIGHT: Final = 0.5  # variance of its straight part, over the other
@@ -43,6 +43,19 @@ _ROUNDS: Final = 40
 _SAME: Final = 0.1  # nats of one round
 _LEAST: Final = 1e-12  # probability of any move in a window
 _LEAST_LOG: Final = -600.0  # of a likelihood over the largest
+PLACES: Final = np.linspace(-_FARTHEST, _FARTHEST, _COUNT)
+"""Of z."""
+USUAL: Final = np.exp(-0.5 * PLACES**2) / np.sum(np.exp(-0.5 * PLACES**2))
+"""Shares of the time in each place."""
+
+
+def _functions() -> Array:
+    """Columns whose weights of unit variance make a function of unit variance on average, shape (places, k)."""
+    columns = np.column_stack([kernel_root(kernel(PLACES / _BEND)), math.sqrt(_STRAIGHT) * PLACES])
+    return np.asarray(columns / math.sqrt(float(USUAL @ np.sum(columns**2, axis=1))))
+
+
+_LAW: Final = _functions()
 
 
 def unrecorded(
@@ -120,7 +133,7 @@ class _Through(Problem):
 
     def fitted(self, time: float, size: float, shares: Array) -> _Found:
         """Expectation and maximisation from a first posterior of the places."""
-        moves, begin = _moves(time * self.longest), np.zeros(len(self.root), np.bool_)
+        moves, begin = moves_in_a_window(time * self.longest), np.zeros(len(self.root), np.bool_)
         begin[[rows.start for rows in self.data.slices]] = True
         precision, known, count = self.root**-2, self.data.known, self.columns.shape[1]
         freedom = len(self.root) - self.flat + known.windows
@@ -138,7 +151,7 @@ class _Through(Problem):
             squares = (left[:, None] - levels) ** 2 * precision[:, None]
             square = float(np.sum(shares * squares) + np.sum(weights[self.flat :] ** 2)) + known.square
             variance = square / freedom
-            log_likelihood, shares = _path(-0.5 * squares / variance, moves, _USUAL, begin)
+            log_likelihood, shares = over_paths(-0.5 * squares / variance, moves, USUAL, begin)
             value = self.log_evidence(log_likelihood, variance, weights, float(np.linalg.slogdet(information)[1]))
             value += math.log(min(math.sqrt(math.pi / law.shape[1]) / math.log(priors.SIZES[-1] / priors.SIZES[0]), 1.0))
             if found is not None and value < found.log_evidence + _SAME:
@@ -155,36 +168,23 @@ def _begun(course: Array) -> Array:
     from scipy.special import ndtri
 
     rank = (np.argsort(np.argsort(course)) + 0.5) / len(course)
-    place = np.rint((ndtri(rank) + _FARTHEST) / (2.0 * _FARTHEST) * (_PLACES - 1)).astype(np.intp)
-    shares = np.tile((1.0 - _SURE) * _USUAL, (len(course), 1))
-    shares[np.arange(len(course)), np.clip(place, 0, _PLACES - 1)] += _SURE
+    place = np.rint((ndtri(rank) + _FARTHEST) / (2.0 * _FARTHEST) * (_COUNT - 1)).astype(np.intp)
+    shares = np.tile((1.0 - _SURE) * USUAL, (len(course), 1))
+    shares[np.arange(len(course)), np.clip(place, 0, _COUNT - 1)] += _SURE
     return np.asarray(shares)
 
 
-def _moves(windows: float) -> Array:
+def moves_in_a_window(windows: float) -> Array:
     """Probabilities of going from each place to each other in a window, for a correlation time in windows."""
     from scipy.special import ndtr
 
-    keep, half = math.exp(-1.0 / windows), _FARTHEST / (_PLACES - 1)
-    edges = np.r_[-math.inf, _Z[:-1] + half, math.inf]
-    found = np.maximum(np.diff(ndtr((edges - keep * _Z[:, None]) / math.sqrt(1.0 - keep**2)), axis=1), _LEAST)
+    keep, half = math.exp(-1.0 / windows), _FARTHEST / (_COUNT - 1)
+    edges = np.r_[-math.inf, PLACES[:-1] + half, math.inf]
+    found = np.maximum(np.diff(ndtr((edges - keep * PLACES[:, None]) / math.sqrt(1.0 - keep**2)), axis=1), _LEAST)
     return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
-_Z: Final = np.linspace(-_FARTHEST, _FARTHEST, _PLACES)
-_USUAL: Final = np.exp(-0.5 * _Z**2) / np.sum(np.exp(-0.5 * _Z**2))
-
-
-def _functions() -> Array:
-    """Columns whose weights of unit variance make a function of unit variance on average, shape (places, k)."""
-    columns = np.column_stack([kernel_root(kernel(_Z / _BEND)), math.sqrt(_STRAIGHT) * _Z])
-    return np.asarray(columns / math.sqrt(float(_USUAL @ np.sum(columns**2, axis=1))))
-
-
-_LAW: Final = _functions()
-
-
-def _path(log_likelihood: Array, moves: Array, usual: Array, begin: npt.NDArray[np.bool_]) -> tuple[float, Array]:
+def over_paths(log_likelihood: Array, moves: Array, usual: Array, begin: npt.NDArray[np.bool_]) -> tuple[float, Array]:
     """The log likelihood of the data summed over all paths, and the posterior of the places in each window.
 
     Parameters
