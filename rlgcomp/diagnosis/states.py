@@ -29,6 +29,7 @@ MOST: Final = 6  # members of a set
 _ROUNDS_OF_LATENESS: Final = 2  # in which a set and its late columns find each other
 ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find each other
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
+_AFRESH: Final = 8.0  # and beyond which one grows from what has grown in its region before alone
 _ALONE: Final = 240.0  # and of a set of one, whose form may lack most of its members
 _ROUNDS_OF_SHARPENING: Final = 2
 _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fitted is polished:
@@ -90,7 +91,7 @@ class States(Members):
         self._beside_processes: dict[Set, list[State]] = {}
         self._near: set[str] = set()
         self._grown: set[tuple[frozenset[str], str, Errors | None]] = set()
-        self._grown_forms: dict[str, Form] = {}  # the form of each region that has grown
+        self._grown_forms: dict[str, tuple[Form, ...]] = {}  # what has grown from each region's seeds
         self._looked_for: set[str] = set()  # regions whose form was looked for anew
         self._errors: list[Errors] = []
         self._outliers: tuple[int, ...] | None = None
@@ -312,31 +313,40 @@ class States(Members):
         grow = region.grow
         if grow is None or not (state.noise != white or self.switches(own.form) or region.nuisance):
             return found
-        before, grown = self._grown_forms.get(region.key), []
-        if before is not None:
-            grown = [self.grown_from(self.pruned(region, before, others, white), grow, others, white)]
-        if before is None or not others:  # beside others what has grown is nearer than what would grow from one threshold again
-            grown += [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
-        found += [member for _, member in grown]
-        return found if region.shrink is None else [*found, self._looked_for_anew(region, grown, others, white)]
+        before = self._grown_forms.get(region.key, ())
+        again = [self.grown_from(self.pruned(region, form, others, white), grow, others, white) for form in before]
+        fresh: list[tuple[float, Member]] = []
+        if not before or not others or state.log_posterior > self.top - _AFRESH:
+            fresh = [self.grown_from(first, grow, others, white) for first in self.seeds(region, best, given, white)]
+        found += [member for _, member in (*again, *fresh)]
+        return found if region.shrink is None else [*found, self._looked_for_anew(region, again, fresh, others, white)]
 
-    def _looked_for_anew(self, region: Region, grown: Sequence[tuple[float, Member]], others: Set, noise: Noise) -> Member:
-        """The likeliest that has grown; alone, or once the set may become the likeliest, its leading bases are looked for anew.
+    def _looked_for_anew(
+        self,
+        region: Region,
+        again: Sequence[tuple[float, Member]],
+        fresh: Sequence[tuple[float, Member]],
+        others: Set,
+        noise: Noise,
+    ) -> Member:
+        """The likeliest that has grown from one threshold; alone, or once its set may become the likeliest, looked for anew.
 
         Parameters
         ----------
         region : Region
-        grown : sequence of (float, Member)
-            The last of them from one threshold, or from what has grown before.
+        again, fresh : sequence of (float, Member)
+            What has grown from what grew before, and from the region's seeds, of which the last has one threshold.
         others : tuple of Member
         noise : Noise
         """
-        found = max((grown[0], grown[-1]) if region.key in self._grown_forms else grown[-1:], key=lambda one: one[0])
-        if (region.key not in self._looked_for or not others) and self._near_the_top((*others, found[1]), noise):
+        found = max((grown[-1] for grown in (again, fresh) if grown), key=lambda one: one[0])
+        anew = (region.key not in self._looked_for or not others) and self._near_the_top((*others, found[1]), noise)
+        if anew:
             found = self.looked_for_anew(region, found, others, noise)
             self._looked_for.add(region.key)
-            self._grown_forms[region.key] = found[1].form
-        self._grown_forms.setdefault(region.key, found[1].form)
+        if anew or fresh:
+            first = (member.form for _, member in (fresh or again)[:-1])
+            self._grown_forms[region.key] = (*first, found[1].form)
         return found[1]
 
     def _near_the_top(self, members: Set, noise: Noise) -> bool:
