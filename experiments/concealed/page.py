@@ -29,7 +29,8 @@ training runs by the simulator's columns and a bias), over the standard deviatio
 A window is 100 s where a run takes five to ten hours; a case stretches all times alike. A set is exact where the
 findings are the hidden effects and the verdict claims nothing beside them. Reachable is what an observer would name who
 knows noise, forms and nonlinear parameters and has the same readings. The oracle is his prediction of the held-out
-runs, amplitudes by generalised least squares. Intervals are Wilson's, 95 %.
+runs, amplitudes by generalised least squares, averaged over random swings before a run that nobody recorded. Intervals are
+Wilson's, 95 %.
 """
 _ELSEWHERE = (
     (
