@@ -24,10 +24,11 @@ from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
+from rlgcomp.diagnosis.process import Process, slow_columns
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.telegraph import Telegraph, slow_columns, telegraph, two_state
+from rlgcomp.diagnosis.telegraph import telegraph, two_state
 from rlgcomp.diagnosis.terms import Form
 from rlgcomp.diagnosis.variants import gains
 from rlgcomp.recording import Recording
@@ -386,9 +387,9 @@ def test_a_further_run_is_predicted_with_the_mean_of_a_two_state_process(data: D
         dataclasses.replace(run, output=run.output + 0.01 * path[rows]) for run, rows in zip(data.runs, data.slices, strict=True)
     ]
     predicted = []
-    for some, seen in ((data, None), (Data(tuple(runs)), Telegraph(0.01, 1e-4, 20.0, path, 30.0, 0.0, 3.0))):
+    for some, seen in ((data, None), (Data(tuple(runs)), Process(0.01, 1e-4, 20.0, path, 30.0, 0.0, 3.0))):
         baseline = Baseline(Simulator.from_mapping(BASELINE)).linearised(some)
-        fit = Fit(some, baseline, Bank(some, baseline.design(some), baseline), State((), Noise(), 0.0, telegraph=seen))
+        fit = Fit(some, baseline, Bank(some, baseline.design(some), baseline), State((), Noise(), 0.0, process=seen))
         predicted.append(fit.predicted(data.runs[1]))
     assert predicted[1] - predicted[0] == pytest.approx(0.01 * path.mean(), abs=1e-6)
 

@@ -19,8 +19,8 @@ from rlgcomp.cli.base import app
 from rlgcomp.diagnosis import text
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.fit import Estimate
+from rlgcomp.diagnosis.process import Process
 from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.telegraph import Telegraph
 from rlgcomp.diagnosis.text import place_text
 from rlgcomp.errors import InputError
 from rlgcomp.physics.user import user_catalogue
@@ -164,8 +164,8 @@ def test_a_delay_that_is_not_stated_is_not_left_out_of_the_file(found: Diagnosis
 
 
 def test_a_two_state_process_has_its_name_in_the_set(found: Diagnosis) -> None:
-    process = Telegraph(1.0, 1.0, 10.0, np.ones(3), 5.0, 0.0)
-    best = dataclasses.replace(found.posterior.best, telegraph=process, log_point=1e6)
+    process = Process(1.0, 1.0, 10.0, np.ones(3), 5.0, 0.0)
+    best = dataclasses.replace(found.posterior.best, process=process, log_point=1e6)
     beside = dataclasses.replace(found, posterior=dataclasses.replace(found.posterior, states=(best,)))
     assert text.likely_sets(beside)[0][0] == "supply_voltage + random_telegraph"
 

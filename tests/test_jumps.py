@@ -13,8 +13,9 @@ from scipy.stats import multivariate_normal
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.jumps import Divided, Parts, division, jumps
 from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.process import Process
 from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.telegraph import Telegraph, telegraph
+from rlgcomp.diagnosis.telegraph import telegraph
 from rlgcomp.simulation.simulator import Simulator
 
 
@@ -104,8 +105,8 @@ def test_given_parts_have_the_gaussian_evidence(data: Data) -> None:
 
 def test_what_jumps_between_levels_of_its_own_is_something_unrecorded(data: Data) -> None:
     path = np.where(np.arange(len(data)) % 40 < 30, 1.0, -1.0)
-    two = Telegraph(3.0, 1.0, 20.0, path, 30.0, 0.0)
-    assert State((), Noise(), 0.0, telegraph=two).key[1] == "telegraph"
-    many = State((), Noise(), 0.0, telegraph=dataclasses.replace(two, kind="levels"))
+    two = Process(3.0, 1.0, 20.0, path, 30.0, 0.0)
+    assert State((), Noise(), 0.0, process=two).key[1] == "telegraph"
+    many = State((), Noise(), 0.0, process=dataclasses.replace(two, kind="levels"))
     assert many.key[1] == "wander"
     assert many.wander == pytest.approx(3.0)

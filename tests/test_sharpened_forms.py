@@ -18,11 +18,12 @@ from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.process import Process
 from rlgcomp.diagnosis.regions import named
 from rlgcomp.diagnosis.relaxations import Distributed, Lag
 from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.states import State, States
-from rlgcomp.diagnosis.telegraph import Telegraph
+from rlgcomp.diagnosis.sharpening import Sharpening
+from rlgcomp.diagnosis.states import State
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
@@ -92,7 +93,7 @@ def test_nonlinearities_are_their_equations() -> None:
 
 
 @pytest.fixture(scope="module")
-def saturating() -> tuple[States, Bank]:
+def saturating() -> tuple[Sharpening, Bank]:
     """The region of the supply beside runs whose gyro saturates with it."""
     runs = [recording(1), recording(2)]
     grid = Grid.of(runs)
@@ -101,10 +102,10 @@ def saturating() -> tuple[States, Bank]:
     baseline = Baseline(simulator).linearised(data)
     bank = Bank(data, baseline.design(data), baseline)
     setting = Setting(data, Driver.of(data, "temperature_block_degC"))
-    return States(bank, list(named(setting, {"supply_voltage": CATALOGUE["supply_voltage"]}, ()))), bank
+    return Sharpening(bank, list(named(setting, {"supply_voltage": CATALOGUE["supply_voltage"]}, ()))), bank
 
 
-def test_the_set_that_predicts_has_the_equation_alone_where_that_is_all_there_is(saturating: tuple[States, Bank]) -> None:
+def test_the_set_that_predicts_has_the_equation_alone_where_that_is_all_there_is(saturating: tuple[Sharpening, Bank]) -> None:
     states, bank = saturating
     region = states.regions["supply_voltage"]
     given = states.evidence(Noise()).given(())
@@ -129,7 +130,7 @@ def test_the_set_that_predicts_has_the_equation_alone_where_that_is_all_there_is
     assert errors[1] < 0.5 * errors[0]
 
 
-def test_a_form_that_is_fine_already_is_left_as_it_is(saturating: tuple[States, Bank]) -> None:
+def test_a_form_that_is_fine_already_is_left_as_it_is(saturating: tuple[Sharpening, Bank]) -> None:
     states, _ = saturating
     region = states.regions["supply_voltage"]
     given = states.evidence(Noise()).given(())
@@ -171,12 +172,12 @@ def test_a_further_run_is_between_the_states_that_training_runs_began_in() -> No
         assert states[3] == 1.0
 
 
-def test_other_runs_are_predicted_with_the_mean_of_two_states(saturating: tuple[States, Bank]) -> None:
+def test_other_runs_are_predicted_with_the_mean_of_two_states(saturating: tuple[Sharpening, Bank]) -> None:
     _, bank = saturating
     assert bank.baseline is not None
     path = np.where(np.arange(len(bank.data)) % 4 == 0, 1.0, -1.0)
-    seen = Telegraph(3.0, 1.0, 1.0, path, 10.0, 0.0)
-    plain, beside = (Fit(bank.data, bank.baseline, bank, State((), Noise(), 0.0, telegraph=one)) for one in (None, seen))
+    seen = Process(3.0, 1.0, 1.0, path, 10.0, 0.0)
+    plain, beside = (Fit(bank.data, bank.baseline, bank, State((), Noise(), 0.0, process=one)) for one in (None, seen))
     apart = [beside.predicted(run) - plain.predicted(run) for run in bank.data.runs]
     assert float(np.mean(np.concatenate(apart))) == pytest.approx(0.0, abs=0.05)
 

@@ -34,9 +34,12 @@ Rooms, each importing only from those before it:
     variants    of forms that differ in a basis or two
     pairs       of pairs of forms
     members     a member of a set: chosen, polished, grown
+    process     what stands beside a set, seen window by window
     telegraph   a two-state process beside a set
     jumps       its rival: jumps to levels of their own
+    unrecorded  its other rival: something that wanders and acts through a function
     states      a set at its best: its noise, its forms, errors of its drivers
+    sharpening  the set that is fitted, at its finest
     search      a beam over sets
     posterior   probabilities of sets and regions
     fit         weights, predictions

@@ -124,7 +124,7 @@ def _beside(case: Case, state: State, question: Question, recordings: Sequence[R
 
 def _calibrates(case: Case, state: State) -> bool:
     """Whether shapes of the simulator are free, and something is beside it."""
-    return _has_free_shapes(case) and bool(state.members or state.telegraph)
+    return _has_free_shapes(case) and bool(state.members or state.process)
 
 
 def _has_free_shapes(case: Case) -> bool:
@@ -147,10 +147,10 @@ def calibrated_last(case: Case, state: State, baseline: Baseline, data: Data) ->
 def in_training(state: State, bank: Bank) -> State:
     """A state of all runs that choose, as one of the training runs."""
     members = tuple(member for member in state.members if bank.scaled(member.form) is not None)
-    seen = state.telegraph
+    seen = state.process
     if seen is not None:
         seen = dataclasses.replace(seen, path=seen.path[: len(bank.data)])
-    return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), telegraph=seen)
+    return dataclasses.replace(state, members=members, noise=state.noise.of_runs(len(bank.data.runs)), process=seen)
 
 
 def _other_forms(state: State) -> bool:

@@ -259,7 +259,7 @@ def _without(best: State, posterior: Posterior) -> State:
     Jumps of a two-state process are no random walk either: under one, the beginnings of the runs would tell the constant. Least
     squares put the mean of the process into it.
     """
-    if best.telegraph is not None:
+    if best.process is not None:
         return State((), Noise(encoder=best.noise.encoder), 0.0)
     if not best.members:
         return _null(posterior)

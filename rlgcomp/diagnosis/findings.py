@@ -258,7 +258,7 @@ def _opposite(fit: Fit, k: int) -> tuple[str, ...]:
 
 
 def _telegraph(fit: Fit, common: Mapping[str, Any]) -> Cause:
-    seen = fit.state.telegraph
+    seen = fit.state.process
     assert seen is not None  # noqa: S101
     window_s = fit.data.runs[0].grid.window_s
     step_sd, dwell_s = seen.sigma / np.sqrt(len(fit.data)), seen.dwell * window_s

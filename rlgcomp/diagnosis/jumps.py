@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
-from rlgcomp.diagnosis.telegraph import Problem, Telegraph
+from rlgcomp.diagnosis.process import Problem, Process
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -37,7 +37,7 @@ _APART: Final = 3.0  # standard deviations between two levels, from which on the
 _RANGE_OF_RATES: Final = 100.0  # between the most and the fewest jumps a window
 
 
-def jumps(data: Data, design: Array, table: Array, start: Telegraph, white: Array) -> Telegraph | None:
+def jumps(data: Data, design: Array, table: Array, start: Process, white: Array) -> Process | None:
     """The likeliest jumps between levels of their own beside a set; None where they are few.
 
     Parameters
@@ -47,7 +47,7 @@ def jumps(data: Data, design: Array, table: Array, start: Telegraph, white: Arra
         Columns of the baseline, flat.
     table : ndarray, shape (n, r)
         Columns of the set, weights of variance σ².
-    start : Telegraph
+    start : Process
         A two-state process, whose jumps are the first ones.
     white : ndarray, shape (n,)
         Variance of the white noise, over that of a window mean.
@@ -172,10 +172,10 @@ class Divided(Problem):
             total += int(np.sum(np.abs(np.diff(levels)) > _APART * np.hypot(error[1:], error[:-1])))
         return total
 
-    def as_process(self, found: Parts) -> Telegraph:
+    def as_process(self, found: Parts) -> Process:
         """As what the other rooms read: the levels over their standard deviation."""
         spread = max(float(np.std(found.levels)), 1e-300)
-        return Telegraph(
+        return Process(
             spread,
             math.sqrt(found.variance),
             1.0 / found.rate,

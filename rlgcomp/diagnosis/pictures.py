@@ -211,7 +211,7 @@ def _member(record: Record, k: int) -> int | None:
 def _course(fit: Fit, member: int | None, run: Run, rows: slice) -> tuple[Array, Array]:
     """Window means of what a member does in a run, and their standard deviation."""
     if member is None:
-        seen = fit.state.telegraph
+        seen = fit.state.process
         assert seen is not None  # noqa: S101
         path = seen.path[rows][: len(run.windows)]
         return seen.half_step * (path - seen.path.mean()), seen.half_step * np.sqrt(np.maximum(1.0 - path**2, 0.0))

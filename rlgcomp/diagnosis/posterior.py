@@ -64,11 +64,11 @@ class Posterior:
         states = search.run()
         if bank.data.turns:
             return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
-        jumping = search.with_telegraph([*states[:_PROVED], *(state for state in states if not state.members)])
+        jumping = search.with_processes([*states[:_PROVED], *(state for state in states if not state.members)])
         _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
         best = max(search.visited.values(), key=lambda state: state.log_posterior)
-        if best.telegraph is not None and not best.telegraph.two_valued:
-            _search_again(search, best.telegraph.path, forget=layout is None)
+        if best.process is not None and not best.process.two_valued:
+            _search_again(search, best.process.path, forget=layout is None)
         ordered = _without_wide_lines(search)
         found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
         return found if layout is not None else dataclasses.replace(found, sharpened=search.sharpened(found.best))
@@ -159,13 +159,13 @@ def _search_beside(search: Search, jumping: list[State], instead: float, *, forg
     """
     paths: list[Array] = []
     while len(paths) < _PATHS:
-        two_valued = [state for state in jumping if state.telegraph is not None and state.telegraph.two_valued]
+        two_valued = [state for state in jumping if state.process is not None and state.process.two_valued]
         if not two_valued:
             break
-        top = max(state.log_posterior for state in search.visited.values() if state.telegraph is None)
+        top = max(state.log_posterior for state in search.visited.values() if state.process is None)
         best = search.with_fewer_beside(max(two_valued, key=lambda state: state.log_posterior))
-        assert best.telegraph is not None  # noqa: S101
-        path = best.telegraph.path
+        assert best.process is not None  # noqa: S101
+        path = best.process.path
         if best.log_posterior < top - instead:
             break
         if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
@@ -184,7 +184,7 @@ def _search_again(search: Search, path: Array, *, forget: bool) -> list[State]:
         for member in state.members:
             bank.prepare([member.form])
         possible = tuple(member for member in state.members if bank.scaled(member.form) is not None)
-        found += search.with_telegraph([dataclasses.replace(state, members=possible)])
+        found += search.with_processes([dataclasses.replace(state, members=possible)])
     return found
 
 
@@ -239,4 +239,4 @@ def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[f
     in_noise, best = p_value_of(null), states[0]
     if not left:
         return in_noise, math.nan
-    return in_noise, in_noise if best is null or best.telegraph is not None else p_value_of(best)
+    return in_noise, in_noise if best is null or best.process is not None else p_value_of(best)

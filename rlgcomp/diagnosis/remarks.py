@@ -286,7 +286,7 @@ def _forms(record: Record) -> Iterator[Message]:
             yield message("diagnosis.other_form", mechanism=cause.name, equation=cause.equation)
     if record.decision.unstated:
         yield message("diagnosis.unstated", regions=record.decision.unstated, named=[one.name for one in record.members])
-    seen = record.after.state.telegraph
+    seen = record.after.state.process
     if record.decision.wander and seen is not None and seen.kind == "levels":
         window_s = record.after.data.runs[0].grid.window_s
         yield message("diagnosis.jumps", count=round(seen.jumps), dwell_s=seen.dwell * window_s)

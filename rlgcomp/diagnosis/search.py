@@ -20,9 +20,11 @@ from rlgcomp.diagnosis.jumps import jumps
 from rlgcomp.diagnosis.members import WORTH, WORTH_MORE
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.pairs import likeliest_pairs
+from rlgcomp.diagnosis.process import Process, slow_columns
 from rlgcomp.diagnosis.selections import selections
-from rlgcomp.diagnosis.states import MOST, ROUNDS_OF_ERRORS, WITHIN_REACH, State, States
-from rlgcomp.diagnosis.telegraph import Telegraph, slow_columns, telegraph
+from rlgcomp.diagnosis.sharpening import Sharpening
+from rlgcomp.diagnosis.states import MOST, ROUNDS_OF_ERRORS, WITHIN_REACH, State
+from rlgcomp.diagnosis.telegraph import telegraph
 from rlgcomp.diagnosis.terms import Form, Region
 from rlgcomp.diagnosis.unrecorded import unrecorded
 
@@ -37,7 +39,7 @@ _LAWS_OF_PAIRS: Final = 8  # laws that are tried in pairs
 _SLOW_WINDOWS: Final = (5, 15)  # of running means from which a two-state path is begun
 
 
-class Search(States):
+class Search(Sharpening):
     """A beam over sets of regions; parameters are those of :class:`~rlgcomp.diagnosis.members.Members`."""
 
     def run(self) -> list[State]:
@@ -239,8 +241,8 @@ class Search(States):
 
     # --- a two-state process beside a set ----------------------------------------------------------------------------------------
 
-    def with_telegraph(self, states: Sequence[State]) -> list[State]:
-        """Sets with a process that jumps beside them, where there is one, two-valued or not; they count as visited."""
+    def with_processes(self, states: Sequence[State]) -> list[State]:
+        """Sets with each kind of process beside them, where there is one; they count as visited."""
         found: list[State] = []
         for members in dict.fromkeys(state.members for state in states):
             if members not in self._beside_processes:
@@ -276,7 +278,7 @@ class Search(States):
             fewer = [
                 dataclasses.replace(state, members=(*state.members[:k], *state.members[k + 1 :])) for k in range(len(state.members))
             ]
-            alike = (one for one in self.with_telegraph(fewer) if one.key[1] == state.key[1])
+            alike = (one for one in self.with_processes(fewer) if one.key[1] == state.key[1])
             best = max((state, *alike), key=lambda one: one.log_posterior)
             if best is state:
                 return state
@@ -284,7 +286,7 @@ class Search(States):
 
     def _bent(self, members: Set, courses: Sequence[Array]) -> list[State]:
         """A set with something beside it that acts through a function, where its noise is more than what surely is there."""
-        known = [state for state in self.visited.values() if state.members == members and state.telegraph is None]
+        known = [state for state in self.visited.values() if state.members == members and state.process is None]
         if not known:
             return []
         best = max(known, key=lambda state: state.log_point)
@@ -298,12 +300,12 @@ class Search(States):
         found = unrecorded(self.bank.data, self.bank.design, table, courses, white, best.log_point - prior)
         return [] if found is None else [self._with(found, members, noise)]
 
-    def _with(self, seen: Telegraph, members: Set, noise: Noise) -> State:
+    def _with(self, seen: Process, members: Set, noise: Noise) -> State:
         odds = {"two values": priors.NAMED_ODDS, "levels": priors.JUMPS_ODDS, "function": priors.BENT_ODDS}[seen.kind]
         log_point = seen.log_evidence + self.log_prior(members) + math.log(odds) + self.log_prior_of(noise)
-        return State(members, noise, log_point, telegraph=seen)
+        return State(members, noise, log_point, process=seen)
 
-    def _processes(self, table: Array, starts: Sequence[Array | Telegraph], white: Array, noise: Noise) -> list[Telegraph]:
+    def _processes(self, table: Array, starts: Sequence[Array | Process], white: Array, noise: Noise) -> list[Process]:
         """A two-state process beside columns of a set and its rival, jumps to levels of their own, under a noise of the gyro."""
         data, design = self.bank.data, self.bank.design
         table, white = self._beside_slow(table, white, noise)

@@ -37,7 +37,7 @@ def likelier(state: State, now: Bank, before: Bank) -> bool:
     """Whether a set, or one with a member less, is clearly likelier beside one calibrated simulator than beside another."""
     members, path = _effects(state), _path(state, now.data)
     banks = [now, before]
-    if state.telegraph is not None:
+    if state.process is not None:
         banks = [Bank(one.data, np.hstack([one.design, path]), one.baseline) for one in banks]
     new, old = (Evidence(one, state.noise, 0.0) for one in banks)
     if new.log_evidence(members) > old.log_evidence(members) + LIKELIER:
@@ -70,5 +70,5 @@ def _wrong_number(member: Member) -> Own | None:
 
 def _path(state: State, data: Data) -> Array:
     """The jumps beside a set over the white noise, shape (n, 1); (n, 0) without any."""
-    seen = state.telegraph
+    seen = state.process
     return np.empty((len(data), 0)) if seen is None else seen.path[:, None] * seen.half_step / seen.sigma

@@ -18,14 +18,14 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Final, Literal, Self
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
-from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.process import CLEAR, Problem, Process
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +34,6 @@ _ONE_CHAIN: Final = np.zeros(1, np.intp)
 _DWELLS: Final = 5  # from a few windows to a run length, in equal ratios
 _SHORTEST: Final = 4.0  # windows
 _RATIOS: Final = {1.0: 0.5, 3.0: 0.25, 1.0 / 3.0: 0.25}  # of the dwells in the two states, with their probabilities
-_UNSEEN: Final = 0.03  # of the white noise's variance, below which a direction of slow noise counts as white
 _ROUNDS: Final = 40
 _LEAST_STEP: Final = 1e-3  # over what is left of the data
 _UNDETERMINED: Final = 1e-9  # of a path, that the columns leave
@@ -45,49 +44,9 @@ _WORTH: Final = 0.3  # nats that a turned part must gain
 _FEWEST_JUMPS: Final = 2.0
 _LEAST_LOG: Final = -700.0  # of a likelihood over the largest
 _FAR: Final = -35.0  # where the error function's complement still has all of its digits
-CLEAR: Final = 5.0  # standard deviations of the half step, for Laplace's approximation
 
 
-@dataclasses.dataclass(frozen=True)
-class Telegraph:
-    """A two-state process that was found beside a set.
-
-    Parameters
-    ----------
-    half_step, sigma : float
-        In the unit of the output.
-    dwell : float
-        Mean time in a state, in windows: the geometric mean of the two.
-    path : ndarray, shape (n,)
-        Posterior mean of the state in each window, -1 to 1.
-    jumps : float
-        Posterior mean of the number of jumps.
-    log_evidence : float
-        On the scale of :class:`~rlgcomp.diagnosis.evidence.Evidence`.
-    ratio : float
-        Of the mean times in the upper and in the lower state.
-    kind : {"two values", "levels", "function"}
-        Whether it has two values; or jumps between levels of their own (:mod:`~rlgcomp.diagnosis.jumps`), or wanders and acts
-        through a function (:mod:`~rlgcomp.diagnosis.unrecorded`): then the half step is their standard deviation, the path is over
-        that, and the dwell is the correlation time.
-    """
-
-    half_step: float
-    sigma: float
-    dwell: float
-    path: Array
-    jumps: float
-    log_evidence: float
-    ratio: float = 1.0
-    kind: Literal["two values", "levels", "function"] = "two values"
-
-    @property
-    def two_valued(self) -> bool:
-        """Whether it has two values."""
-        return self.kind == "two values"
-
-
-def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | Telegraph], white: Array) -> Telegraph | None:
+def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | Process], white: Array) -> Process | None:
     """The likeliest two-state process beside a set; None where none is clear of the noise.
 
     Parameters
@@ -97,7 +56,7 @@ def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | 
         Columns of the baseline, flat.
     table : ndarray, shape (n, r)
         Columns of the set, weights of variance σ².
-    starts : sequence of ndarray, shape (n,), or Telegraph
+    starts : sequence of ndarray, shape (n,), or Process
         Slow courses of the output from which the path is begun, or one that was found.
     white : ndarray, shape (n,)
         Variance of the white noise, over that of a window mean.
@@ -117,101 +76,11 @@ def telegraph(data: Data, design: Array, table: Array, starts: Sequence[Array | 
     return found
 
 
-def slow_columns(data: Data, noise: Noise) -> tuple[Array, Array]:
-    """Slow noise as columns with weights of variance σ², and the variance that its other directions add to the white noise.
-
-    Parameters
-    ----------
-    data : Data
-    noise : Noise
-        Of the gyro.
-
-    Returns
-    -------
-    columns : ndarray, shape (n, m)
-    rest : ndarray, shape (n,)
-        Over the variance of the white noise of a window mean.
-    """
-    length = max(len(run.full) for run in data.runs)
-    blocks, rest = [], np.zeros(len(data))
-    for run, rows in zip(data.runs, data.slices, strict=True):
-        values, vectors = np.linalg.eigh(noise.of_run(run, length) - np.diag(run.white))
-        seen = values > _UNSEEN
-        block = np.zeros((len(data), int(seen.sum())))
-        block[rows] = vectors[:, seen] * np.sqrt(values[seen])
-        rest[rows] = float(np.sum(np.maximum(values[~seen], 0.0))) / len(values)
-        blocks.append(block)
-    return np.hstack(blocks), rest
-
-
-def _begun(start: Array | Telegraph, ratio: float) -> Array:
+def _begun(start: Array | Process, ratio: float) -> Array:
     """A first path; the upper state has its share of the time."""
-    if isinstance(start, Telegraph):
+    if isinstance(start, Process):
         return start.path
     return np.asarray(np.sign(start - np.quantile(start, 1.0 / (1.0 + ratio))) + 0.0)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Problem:
-    """Output and columns over the standard deviations of the white noise.
-
-    Parameters
-    ----------
-    data : Data
-    output : ndarray, shape (n,)
-    columns : ndarray, shape (n, m)
-        Of the baseline, flat, and then of the set.
-    flat : int
-        Of them, of the baseline.
-    root : ndarray, shape (n,)
-        The standard deviations, over that of a window mean.
-    """
-
-    data: Data
-    output: Array
-    columns: Array
-    flat: int
-    root: Array
-
-    @classmethod
-    def of(cls, data: Data, design: Array, table: Array, white: Array) -> Self:
-        """Of arguments of :func:`telegraph`."""
-        root = np.sqrt(white)
-        return cls(data, data.output / root, np.hstack([design, table]) / root[:, None], design.shape[1], root)
-
-    def information(self, columns: Array) -> Array:
-        """Of the weights of columns like its own, those of the set with their prior."""
-        found = columns.T @ columns
-        found[range(self.flat, len(found)), range(self.flat, len(found))] += 1.0
-        return np.asarray(found)
-
-    def log_evidence(self, log_likelihood: float, variance: float, weights: Array, log_det: float) -> float:
-        """Laplace's approximation of the integral over weights and σ; constants as in a Gaussian evidence without its own.
-
-        The Gaussian evidence leaves out log Γ(g/2) - log 2 - (f/2) log π + (g - f)/2 log 2 of f degrees of freedom, of g with the
-        windows that stated noise counts for.
-
-        Parameters
-        ----------
-        log_likelihood : float
-            Of the data without the normaliser of the noise.
-        variance : float
-            Of the white noise.
-        weights : ndarray
-            Those of the baseline, flat, and then all that have a prior.
-        log_det : float
-            Of their information.
-        """
-        n, known = len(self.root), self.data.known
-        freedom = n - self.flat
-        total = log_likelihood - 0.5 * n * math.log(2.0 * math.pi * variance) - float(np.sum(np.log(self.root)))
-        total -= 0.5 * float(np.sum(weights[self.flat :] ** 2)) / variance
-        total += 0.5 * self.flat * math.log(2.0 * math.pi * variance) - 0.5 * log_det
-        all_of_them = freedom + known.windows
-        total -= 0.5 * (known.windows * math.log(variance) + known.square / variance)
-        total += 0.5 * math.log(math.pi / all_of_them)  # of log σ
-        left_out = math.lgamma(0.5 * all_of_them) - math.log(2.0) - 0.5 * freedom * math.log(math.pi)
-        return total - (left_out + 0.5 * known.windows * math.log(2.0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -234,7 +103,7 @@ class _TwoStates(Problem):
         """Of the information of the weights."""
         return float(np.linalg.slogdet(self.information(self.columns))[1])
 
-    def over_dwells(self, starts: Sequence[Array | Telegraph]) -> Telegraph:
+    def over_dwells(self, starts: Sequence[Array | Process]) -> Process:
         """The likeliest process, its evidence summed over mean dwell times and ratios of the two dwells.
 
         For each ratio the starts are tried at the middle dwell, and the other dwells begin where the likeliest of them ended.
@@ -253,7 +122,7 @@ class _TwoStates(Problem):
         total = top + math.log(sum(math.exp(value - top) for value in values))
         return dataclasses.replace(found[int(np.argmax(values))], log_evidence=total)
 
-    def fitted(self, dwell: float, ratio: float, path: Array) -> Telegraph:
+    def fitted(self, dwell: float, ratio: float, path: Array) -> Process:
         """Expectation and maximisation from a first path."""
         data, root, before = self.data, self.root, -math.inf
         freedom, inverse = len(root) - self.flat, 1.0 / root**2
@@ -277,7 +146,7 @@ class _TwoStates(Problem):
             if value < before + _SAME:
                 break
             before = value
-        return Telegraph(size, math.sqrt(variance), dwell, path, jumps, value, ratio)
+        return Process(size, math.sqrt(variance), dwell, path, jumps, value, ratio)
 
     def _log_evidence(self, log_likelihood: float, variance: float, size: float, weights: Array) -> float:
         """With the volume of log a about its likeliest value, which is log-uniform."""
@@ -285,7 +154,7 @@ class _TwoStates(Problem):
         volume = math.log(math.sqrt(2.0 * math.pi) * relative_error / math.log(priors.SIZES[-1] / priors.SIZES[0]))
         return self.log_evidence(log_likelihood, variance, weights, self.log_det) + volume
 
-    def turned(self, found: Telegraph) -> Array:
+    def turned(self, found: Process) -> Array:
         """The path of a process with parts of runs turned to the other state, one by one, as long as that is likelier.
 
         No expectation leads from a path to one that is turned between two of its jumps, where slow noise has met the error.
@@ -308,7 +177,7 @@ class _TwoStates(Problem):
             turns[turned] = self._turn(self.data.slices[turned], found, path)
         return path
 
-    def _turn(self, rows: slice, found: Telegraph, path: Array) -> tuple[Array, Array, Array, Array]:
+    def _turn(self, rows: slice, found: Process, path: Array) -> tuple[Array, Array, Array, Array]:
         """Of the turn of a run's windows: what it changes, and what a part gains by its begin, by its close, and loses by both.
 
         Nats, but for what the output shares with the turn. Of a part from a to b the columns meet met_a + met_b - across_ab.

@@ -28,7 +28,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import kernel, kernel_root
 from rlgcomp.diagnosis.data import Data
-from rlgcomp.diagnosis.telegraph import CLEAR, Problem, Telegraph
+from rlgcomp.diagnosis.process import CLEAR, Problem, Process
 from rlgcomp.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
@@ -60,7 +60,7 @@ _LAW: Final = _functions()
 
 def unrecorded(
     data: Data, design: Array, table: Array, courses: Sequence[Array], white: Array, least: float = -math.inf
-) -> Telegraph | None:
+) -> Process | None:
     """The likeliest process beside a set that acts through a function; None where none is clear of the noise.
 
     Parameters
@@ -117,7 +117,7 @@ class _Through(Problem):
         """Windows of the longest run."""
         return max(len(run.full) for run in self.data.runs)
 
-    def over_times(self, courses: Sequence[Array], least: float) -> Telegraph | None:
+    def over_times(self, courses: Sequence[Array], least: float) -> Process | None:
         """The likeliest process, its evidence summed over correlation times; all others begin where the first one ended."""
         tried = [self.fitted(_FIRST, 0.5, _begun(course)) for course in courses]
         first = max(tried, key=lambda one: one.log_evidence)
@@ -129,7 +129,7 @@ class _Through(Problem):
         total = best.log_evidence + math.log(sum(math.exp(one.log_evidence - best.log_evidence) for one in every) / len(every))
         spread = max(float(np.std(best.course)), 1e-300)
         path = (best.course - best.course.mean()) / spread
-        return Telegraph(spread, math.sqrt(best.variance), best.time * self.longest, path, 0.0, total, kind="function")
+        return Process(spread, math.sqrt(best.variance), best.time * self.longest, path, 0.0, total, kind="function")
 
     def fitted(self, time: float, size: float, shares: Array) -> _Found:
         """Expectation and maximisation from a first posterior of the places."""
