@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.telegraph import telegraph
 from rlgcomp.diagnosis.unrecorded import PLACES, USUAL, moves_in_a_window, over_paths, unrecorded
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording
-from tests.two_hour_runs import BASELINE, PROGRAMMES, runs_of
+from tests.two_hour_runs import BASELINE, runs_of
 
 FEW = ("supply_voltage", "random_telegraph")
 
@@ -90,6 +90,23 @@ def test_a_wander_that_is_bent_and_a_process_of_two_values_are_told_apart(data: 
             assert two.log_evidence > through.log_evidence + 10.0
 
 
+def test_the_unit_of_the_output_tells_nothing(data: Data) -> None:
+    rng, n = np.random.default_rng(9), len(data)
+    z = np.concatenate([wander(rng, len(run.windows), 0.1 * len(run.windows)) for run in data.runs])
+    output, design = 2.0 * z**2 + rng.standard_normal(n), np.ones((n, 1))
+    by_unit = {}
+    for unit in (1.0, 1e5):
+        some = with_output(data, unit * output)
+        courses = [np.convolve(some.output, np.ones(5) / 5.0, "same")]
+        by_unit[unit] = unrecorded(some, design, np.empty((n, 0)), courses, data.white)
+    one, other = by_unit[1.0], by_unit[1e5]
+    assert one is not None
+    assert other is not None
+    assert other.log_evidence == pytest.approx(one.log_evidence - (n - 1) * math.log(1e5), abs=1e-6)
+    assert other.half_step == pytest.approx(1e5 * one.half_step)
+    np.testing.assert_allclose(other.path, one.path, atol=1e-8)
+
+
 def test_white_noise_is_nothing_unrecorded(data: Data) -> None:
     rng, n = np.random.default_rng(8), len(data)
     some = with_output(data, rng.standard_normal(n))
@@ -103,7 +120,6 @@ def test_the_square_of_something_unrecorded_is_no_random_telegraph() -> None:
     for k, run in enumerate(runs_of(dataclasses.replace(BASELINE, noise=NoiseModel(angle_random_walk_deg_sqrt_h=0.0005)))):
         z = wander(np.random.default_rng(50 + k), len(run), 0.15 * len(run))
         runs.append(Recording(run.table.assign(gyro_deg_h=run["gyro_deg_h"] + 0.02 * z**2), run.metadata))
-    assert len(runs) == len(PROGRAMMES)
     found = diagnose(BASELINE, runs, only=FEW, black_box=False)
     assert found.verdict == "unknown"
     assert found.messages[0].code == "diagnosis.wander"

@@ -390,6 +390,11 @@ class Data:
         """Length of the longest run in s."""
         return max(run.bins for run in self.runs) * self.runs[0].grid.bin_s
 
+    @functools.cached_property
+    def longest(self) -> int:
+        """Windows of the longest run, those that do not count among them."""
+        return max(len(run.full) for run in self.runs)
+
     def require_a_window(self) -> None:
         """Refuse runs without a window that counts, as where samples are longer than a window.
 

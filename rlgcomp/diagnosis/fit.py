@@ -89,7 +89,7 @@ class Fit:
 
     @functools.cached_property
     def _path(self) -> Array:
-        """What jumps between two values, about its mean, which other runs are predicted with; shape (n,)."""
+        """The process beside the set about its mean, which other runs are predicted with; shape (n,)."""
         seen = self.state.process
         return np.zeros(len(self.data)) if seen is None else seen.half_step * (seen.path - seen.path.mean())
 

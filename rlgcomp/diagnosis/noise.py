@@ -64,8 +64,7 @@ class Noise:
 
     def covariances(self, data: Data) -> list[Array]:
         """Of all rows of each run."""
-        length = max(len(run.full) for run in data.runs)
-        found = [self.of_run(run, length) for run in data.runs]
+        found = [self.of_run(run, data.longest) for run in data.runs]
         return found if self.errors is None else [a + b for a, b in zip(found, self.errors.blocks, strict=True)]
 
     def of_run(self, run: Run, length: float) -> Array:

@@ -71,10 +71,9 @@ def slow_columns(data: Data, noise: Noise) -> tuple[Array, Array]:
     rest : ndarray, shape (n,)
         Over the variance of the white noise of a window mean.
     """
-    length = max(len(run.full) for run in data.runs)
     blocks, rest = [], np.zeros(len(data))
     for run, rows in zip(data.runs, data.slices, strict=True):
-        values, vectors = np.linalg.eigh(noise.of_run(run, length) - np.diag(run.white))
+        values, vectors = np.linalg.eigh(noise.of_run(run, data.longest) - np.diag(run.white))
         seen = values > _UNSEEN
         block = np.zeros((len(data), int(seen.sum())))
         block[rows] = vectors[:, seen] * np.sqrt(values[seen])

@@ -69,6 +69,6 @@ def _wrong_number(member: Member) -> Own | None:
 
 
 def _path(state: State, data: Data) -> Array:
-    """The jumps beside a set over the white noise, shape (n, 1); (n, 0) without any."""
+    """The process beside a set over the white noise, shape (n, 1); (n, 0) without any."""
     seen = state.process
     return np.empty((len(data), 0)) if seen is None else seen.path[:, None] * seen.half_step / seen.sigma

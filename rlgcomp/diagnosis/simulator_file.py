@@ -96,7 +96,7 @@ def _bias(constant: float) -> TabulatedLaw:
 def noise_of(fit: Fit) -> NoiseModel:
     """The noise of the fitted model, a wander of something unrecorded left out."""
     window_h = fit.data.runs[0].grid.window_s / SECONDS_PER_HOUR
-    longest_h = window_h * max(len(run.full) for run in fit.data.runs)
+    longest_h = window_h * fit.data.longest
     return NoiseModel(
         angle_random_walk_deg_sqrt_h=fit.white * math.sqrt(window_h),
         bias_instability_deg_h=fit.white * fit.state.noise.flicker,

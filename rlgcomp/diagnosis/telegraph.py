@@ -108,8 +108,7 @@ class _TwoStates(Problem):
 
         For each ratio the starts are tried at the middle dwell, and the other dwells begin where the likeliest of them ended.
         """
-        longest = max(len(run.full) for run in self.data.runs)
-        dwells = np.geomspace(_SHORTEST, 0.5 * longest, _DWELLS)
+        dwells = np.geomspace(_SHORTEST, 0.5 * self.data.longest, _DWELLS)
         middle, others = dwells[_DWELLS // 2], np.delete(dwells, _DWELLS // 2)
         found, values = [], []
         for ratio, share in _RATIOS.items():

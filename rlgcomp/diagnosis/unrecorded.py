@@ -49,13 +49,11 @@ USUAL: Final = np.exp(-0.5 * PLACES**2) / np.sum(np.exp(-0.5 * PLACES**2))
 """Shares of the time in each place."""
 
 
+@functools.cache
 def _functions() -> Array:
     """Columns whose weights of unit variance make a function of unit variance on average, shape (places, k)."""
     columns = np.column_stack([kernel_root(kernel(PLACES / _BEND)), math.sqrt(_STRAIGHT) * PLACES])
     return np.asarray(columns / math.sqrt(float(USUAL @ np.sum(columns**2, axis=1))))
-
-
-_LAW: Final = _functions()
 
 
 def unrecorded(
@@ -112,11 +110,6 @@ class _Found:
 class _Through(Problem):
     """A problem with a process that acts through a function."""
 
-    @functools.cached_property
-    def longest(self) -> int:
-        """Windows of the longest run."""
-        return max(len(run.full) for run in self.data.runs)
-
     def over_times(self, courses: Sequence[Array], least: float) -> Process | None:
         """The likeliest process, its evidence summed over correlation times; all others begin where the first one ended."""
         tried = [self.fitted(_FIRST, 0.5, _begun(course)) for course in courses]
@@ -126,21 +119,22 @@ class _Through(Problem):
         others = [self.fitted(time, first.size, first.shares) for time in priors.WANDER_TIMES if time != _FIRST]
         every = [first, *others]
         best = max(every, key=lambda one: one.log_evidence)
-        total = best.log_evidence + math.log(sum(math.exp(one.log_evidence - best.log_evidence) for one in every) / len(every))
+        total = float(np.logaddexp.reduce([one.log_evidence for one in every])) - math.log(len(every))
         spread = max(float(np.std(best.course)), 1e-300)
         path = (best.course - best.course.mean()) / spread
-        return Process(spread, math.sqrt(best.variance), best.time * self.longest, path, 0.0, total, kind="function")
+        return Process(spread, math.sqrt(best.variance), best.time * self.data.longest, path, 0.0, total, kind="function")
 
     def fitted(self, time: float, size: float, shares: Array) -> _Found:
         """Expectation and maximisation from a first posterior of the places."""
-        moves, begin = moves_in_a_window(time * self.longest), np.zeros(len(self.root), np.bool_)
+        moves, begin = moves_in_a_window(time * self.data.longest), np.zeros(len(self.root), np.bool_)
         begin[[rows.start for rows in self.data.slices]] = True
         precision, known, count = self.root**-2, self.data.known, self.columns.shape[1]
         freedom = len(self.root) - self.flat + known.windows
         own, along = self.information(self.columns), self.columns.T @ self.output
+        of_unit_size = _functions()
         found: _Found | None = None
         for _ in range(_ROUNDS):
-            law, held = size * _LAW, shares / self.root[:, None]
+            law, held = size * of_unit_size, shares / self.root[:, None]
             cross = self.columns.T @ held @ law
             inner = (law.T * (precision @ shares)) @ law + np.eye(law.shape[1])
             information = np.block([[own, cross], [cross.T, inner]])

@@ -47,7 +47,7 @@ class _Waves:
 
     @functools.cached_property
     def cells(self) -> int:
-        return _OVERSAMPLING * max(len(run.full) for run in self.data.runs)
+        return _OVERSAMPLING * self.data.longest
 
     @property
     def step_hz(self) -> float:
