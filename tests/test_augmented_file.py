@@ -17,7 +17,8 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays, after_rest
+from rlgcomp.diagnosis.histories import after_rest
+from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum

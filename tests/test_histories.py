@@ -14,14 +14,13 @@ from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.drivers import Driver
+from rlgcomp.diagnosis.histories import after_rest, one_after_the_other
 from rlgcomp.diagnosis.loops import rougher
 from rlgcomp.diagnosis.memories import (
     Plays,
     Preisach,
     Undecided,
-    after_rest,
     dense,
-    one_after_the_other,
     plane,
     relays,
     rest_of,

@@ -14,6 +14,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, EachRun, Glitch, Power, Shift, Smooth
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.histories import after_rest, one_after_the_other
 from rlgcomp.diagnosis.memories import (
     SIDES,
     Curves,
@@ -23,8 +24,6 @@ from rlgcomp.diagnosis.memories import (
     Preisach,
     Relays,
     Undecided,
-    after_rest,
-    one_after_the_other,
     plane,
 )
 from rlgcomp.diagnosis.setting import Setting
@@ -189,6 +188,40 @@ def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterato
                     yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
     return grow
+
+
+def one_history(runs: Sequence[Run]) -> Callable[[Form], list[Form]]:
+    """A form of single relays, and forms of which all relays share what was before the runs in place of a side in each run.
+
+    A side that a relay has come from in one run, for itself, halves the prior; beyond the runs it says nothing.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        In the order in which they were recorded.
+    """
+
+    def share(form: Form) -> list[Form]:
+        relays = [basis for basis in form.lead if isinstance(basis, Relays) and _is_single(basis) and basis.begins]
+        if len(relays) < len(form.lead):
+            return []
+
+        def alike(weight: float, lead: Iterator[Relays]) -> Form:
+            return dataclasses.replace(form, lead=tuple(lead), log_share=form.log_share + math.log(weight))
+
+        free = sum(len(relay.from_other_sides()) for relay in relays)
+        found = [dataclasses.replace(form, log_share=form.log_share - free * math.log(2.0))]
+        for start in SIDES:
+            found.append(alike(1.0 / len(SIDES), (dataclasses.replace(relay, start=start, opposite=()) for relay in relays)))
+        rests = np.arange(-1.0, 1.01, priors.RESTS_BESIDE)
+        histories = [(1.0 / len(rests), after_rest(float(value))) for value in rests]
+        if len(runs) > 1:
+            histories.append((priors.FOLLOWING_RUNS, one_after_the_other(relays[0].driver, runs)))
+        for weight, history in histories:
+            found.append(alike(weight, (relay.after(history, runs[0].name) for relay in relays)))
+        return found
+
+    return share
 
 
 def fewer_relays(log_share: float) -> Callable[[Form], Iterator[Form]]:

@@ -15,13 +15,11 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, gaussian_process, kernel, kernel_root
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import BEYOND, Driver
+from rlgcomp.diagnosis.histories import Histories, one_rest, rests_beside, turns_before, turns_before_others
 from rlgcomp.numerics.hysteresis import ColemanHodgdon, duhem_paths, exponential_radii, middles_of_steps, play_paths
-from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before, turning_points
+from rlgcomp.numerics.relays import STARTS, Start, Switches, relay_states, states_after, states_before
 
 Array = npt.NDArray[np.float64]
-Histories = tuple[tuple[str, tuple[float, ...]], ...]
-"""Runs by name, and values between which a driver went before each of them, in units of its range; last, without a name, before
-any other run."""
 SIDES: Final[tuple[Start, ...]] = ("rested", "below", "above")
 _OTHER_HISTORY: Final = 0.25  # of a polishing step, from which on other histories are tried
 PLANE: Final = 1.6  # ranges of the driver over which relays are laid: other runs go beyond
@@ -29,9 +27,7 @@ _KNOTS: Final = 24  # of a smooth density, along the middles of loops and along 
 _SMALL: Final = 1e-3  # of the largest square of a column of densities
 _PLASTIC: Final = 1.324717957244746  # the real root of x³ = x + 1
 _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was before a run
-_AFTER: Final = ""  # the name of a run after all others
 _CURVES: Final = 2.2  # of radii and widths of a curve that is followed, from one point of their grid to the next
-_LEAST_TURN: Final = 0.02  # of a driver's half range: no relay that matters is narrower
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +83,7 @@ class Relays(Basis):
         """Thresholds, up and down, and states before a run in which the driver has values."""
         up, down = np.array(self.up), np.array(self.down)
         if self.histories:
-            return up, down, _first(values, up, down, self.start, _before(run, self.histories))
+            return up, down, _first(values, up, down, self.start, turns_before(run, self.histories))
         if run.name in self.opposite:
             start = self._other_side_than(values[0])
         else:
@@ -125,6 +121,15 @@ class Relays(Basis):
         opposite = tuple(name for name, _ in self.begins if (name in self.opposite) != (name == run))
         return dataclasses.replace(self, opposite=opposite)
 
+    def after(self, histories: Histories, first_run: str) -> Self:
+        """The same with histories of runs in place of a side in each; a first run of none keeps its own."""
+        start = self.start
+        if not dict(histories).get(first_run, histories[-1][1]):
+            value = dict(self.begins)[first_run]
+            on = states_before(value, np.array(self.up), np.array(self.down), self.start)[0] > 0.5
+            start = "above" if on != (first_run in self.opposite) else "below"
+        return dataclasses.replace(self, start=start, histories=histories, begins=(), opposite=())
+
     def parameters(self) -> dict[str, float]:
         centre, half = self.driver.centre, self.driver.half
         return {"threshold": centre + half * self.up[0], "dead_band": half * (self.up[0] - self.down[0])}
@@ -141,7 +146,7 @@ class Plays(Basis):
     histories: Histories = ()
 
     def columns(self, run: Run) -> Array:
-        key = ("plays", self.driver, self.start, _before(run, self.histories))
+        key = ("plays", self.driver, self.start, turns_before(run, self.histories))
         if key not in run.cache:
             run.cache[key] = self._states(run, np.concatenate([self._radii(radius) for radius in priors.RADII]))
         values, radii = self.driver.values(run), self._radii(self.radius)
@@ -159,7 +164,7 @@ class Plays(Basis):
 
     def before(self) -> Array:
         """Where its plays stand before a further run, in units of the driver's range; none where that hangs on its first value."""
-        after = dict(self.histories).get(_AFTER, ())
+        after = turns_before_others(self.histories)
         if not after:
             return np.empty(0)
         radii, values = self.radii(), np.array(after)
@@ -171,14 +176,14 @@ class Plays(Basis):
         return np.r_[exponential_radii(radius), radius]
 
     def _states(self, run: Run, radii: Array) -> Array:
-        before = _before(run, self.histories)
+        before = turns_before(run, self.histories)
         values = np.r_[before, self.driver.values(run)]
         return play_paths(values[:, None], radii, values[0] - STARTS[self.start] * radii)[len(before) :]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         ratio = priors.RADII[1] / priors.RADII[0]
         radii = (dataclasses.replace(self, radius=self.radius * f) for f in (ratio**step, ratio**-step))
-        return *radii, *(dataclasses.replace(self, histories=rest) for rest in _rests(self.histories, step))
+        return *radii, *(dataclasses.replace(self, histories=rest) for rest in rests_beside(self.histories, step))
 
     def parameters(self) -> dict[str, float]:
         return {"radius": self.driver.half * self.radius}
@@ -275,14 +280,14 @@ class Preisach(Basis):
         return self._sums(run, self.densities())
 
     def nearby(self, step: float) -> tuple[Self, ...]:
-        return tuple(dataclasses.replace(self, histories=rest) for rest in _rests(self.histories, step))
+        return tuple(dataclasses.replace(self, histories=rest) for rest in rests_beside(self.histories, step))
 
     def weighted(self, run: Run, weights: Array) -> Array:
         return self._sums(run, (self.densities() @ weights)[:, None])[:, 0]
 
     def _sums(self, run: Run, densities: Array) -> Array:
         """Sums over the relays, each one half on or off, with some densities, shape (bins, k)."""
-        key = ("plane", self.driver, self.levels, self.start, before := _before(run, self.histories))
+        key = ("plane", self.driver, self.levels, self.start, before := turns_before(run, self.histories))
         if key not in run.cache:
             up, down = dense(self.levels)
             run.cache[key] = _switches(self.driver.values(run), up, down, self.start, before)
@@ -388,48 +393,16 @@ def _first(values: Array, up: Array, down: Array, start: Start, before: Sequence
     return states_after(before, up, down, states_before(before[0] if len(before) else values[0], up, down, start))
 
 
-def one_after_the_other(driver: Driver, runs: Sequence[Run]) -> Histories:
-    """Histories of runs that each began where the one before had ended, and of a run after them; the first one's is unknown."""
-    turns: tuple[float, ...] = ()
-    found = []
-    for run in runs:
-        found.append((run.name, turns))
-        turns = turning_points(np.r_[turns, driver.values(run)], _LEAST_TURN)
-    return (*found, (_AFTER, turns))
-
-
-def after_rest(value: float) -> Histories:
-    """Histories of runs before each of which a driver rested at a value."""
-    return ((_AFTER, (value,)),)
-
-
 def rest_of(basis: Plays | Preisach) -> float | None:
     """Where its driver rested before each run, in the driver's unit; None of other histories."""
-    value = _one_rest(basis.histories)
+    value = one_rest(basis.histories)
     return None if value is None else basis.driver.centre + basis.driver.half * value
-
-
-def _one_rest(histories: Histories) -> float | None:
-    """Where a driver rested before each run; None of other histories."""
-    return histories[0][1][0] if len(histories) == 1 and histories[0][0] == _AFTER and len(histories[0][1]) == 1 else None
-
-
-def _rests(histories: Histories, step: float) -> tuple[Histories, ...]:
-    """Rests so many steps of their grid beside one; none beside other histories."""
-    value = _one_rest(histories)
-    moves = () if value is None else (value + priors.RESTS_APART * step, value - priors.RESTS_APART * step)
-    return tuple(after_rest(moved) for moved in moves)
 
 
 def sides(up: Array, down: Array, start: Start, histories: Histories) -> dict[Start, npt.NDArray[np.bool_]]:
     """Relays by the start that makes them go on, in a further run, from where the last run left them."""
-    after = dict(histories).get(_AFTER, ())
+    after = turns_before_others(histories)
     if not after:
         return {start: np.ones(len(up), dtype=np.bool_)}
     states = states_after(after, up, down, states_before(after[0], up, down, start))
     return {"below": states == 0.0, "above": states == 1.0, "unknown": states == 0.5}
-
-
-def _before(run: Run, histories: Histories) -> tuple[float, ...]:
-    known = dict(histories)
-    return known.get(run.name, known.get(_AFTER, ()))

@@ -93,6 +93,8 @@ RESTS: Final = (-0.6, 0.0, 0.6)
 RESTS_APART: Final = 0.6
 """Where a driver rested before it went to the first value of each run, over half its range: units wait at the temperature of the
 room, which programmes begin beside or far from."""
+RESTS_BESIDE: Final = 0.2
+"""The same for single relays, which are not polished together."""
 CURVE_RADII: Final = (0.06, 0.14, 0.3, 0.7)
 CURVE_CENTRES: Final = (-0.6, -0.3, 0.0, 0.3, 0.6)
 CURVE_WIDTHS: Final = (0.15, 0.35, 0.8)

@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.loops import (
     hysteresis_of,
     more_hops,
     more_relays,
+    one_history,
     reversible,
     rougher,
     with_relays,
@@ -259,6 +260,7 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
                     absorb=_ABSORB[name](setting) if name in _ABSORB else None,
                     adopt=_ADOPT.get(name),
                     rougher=rougher if memory == "rate-independent" else None,
+                    one_history=one_history(setting.data.runs) if memory == "rate-independent" else None,
                 )
         elif mechanism().amplitude_parameters():
             columns = tuple(setting.temperature.columns[0] if one == TEMPERATURE else one for one in mechanism.drivers)
@@ -339,7 +341,19 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             ]
             forms = forms_of(f"loop:{column}", families)
             grow, shrink = more_relays(driver, setting.data.runs), fewer_relays(priors.LOG_RELAY)
-            yield Region(f"loop:{column}", None, _LAW, forms, (column,), "rate-independent", grow, shrink, rougher=rougher)
+            again = one_history(setting.data.runs)
+            yield Region(
+                f"loop:{column}",
+                None,
+                _LAW,
+                forms,
+                (column,),
+                "rate-independent",
+                grow,
+                shrink,
+                rougher=rougher,
+                one_history=again,
+            )
             rate = Path.rate(setting.data, driver)
             families = [Family(f"b = k d({column})/dt", [(Power(rate),)], departures(rate))]
             yield Region(f"rate:{column}", None, _LAW, forms_of(f"rate:{column}", families), (column,), "dynamic")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 from typing import Final
 
-from rlgcomp.diagnosis.evidence import Member, Set
+from rlgcomp.diagnosis.evidence import Conditional, Member, Set
 from rlgcomp.diagnosis.members import WORTH
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.states import State, States
@@ -16,6 +17,7 @@ _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fit
 _MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
 _NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
 _NARROW: Final = 4  # leading columns
+_HISTORIES: Final = 2  # that are polished
 
 
 class Sharpening(States):
@@ -73,7 +75,19 @@ class Sharpening(States):
             found = self.exact(*self.polished(*start, given, finest=True), given)
             worth = 0.0 if found[1].form.equation == best[1].form.equation else WORTH
             best = found if found[0] > best[0] + worth else best
+        if region.one_history is not None:
+            best = self._of_one_history(region.one_history, best, given)
         return (*members[:k], best[1], *members[k + 1 :])
+
+    def _of_one_history(
+        self, alike: Callable[[Form], Iterable[Form]], best: tuple[float, Member], given: Conditional
+    ) -> tuple[float, Member]:
+        """A form with what was before the runs explained alike for all of its members, where that is likelier."""
+        own, *others = [self.best(given, form) for form in alike(best[1].form)] or [best]
+        for start in sorted(others, key=lambda one: one[0], reverse=True)[:_HISTORIES]:
+            found = self.polished(*start, given, finest=True)
+            own = found if found[0] > own[0] else own
+        return own
 
     def _narrow(self, form: Form) -> bool:
         return sum(self.bank.width(basis) for basis in form.lead) <= _NARROW

@@ -102,6 +102,8 @@ class Region:
         One of the region's forms of one leading basis with those of another region's form in its place; None as above.
     rougher : callable, optional
         A form with departures that are too many to be screened; None where it has none.
+    one_history : callable, optional
+        A form at its prior, and forms that explain alike what was before the runs: tried in the set that predicts alone.
     propose : callable, optional
         Forms that a residual suggests, where there are too many to try all; it is whitened window means of all runs.
     nuisance : bool
@@ -121,6 +123,7 @@ class Region:
     absorb: Callable[[Form, Form], Form | None] | None = None
     adopt: Callable[[Form, Form], Form | None] | None = None
     rougher: Callable[[Form], Form | None] | None = None
+    one_history: Callable[[Form], Iterable[Form]] | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False
     finer: tuple[Form, ...] = ()
