@@ -33,6 +33,7 @@ _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of
 _FINEST: Final = 1.0 / 64.0  # step of the grid
 _COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
 _FEW: Final = 3
+_NARROW: Final = 4  # leading columns
 WORTH: Final = 0.3  # nats that a polishing step must gain
 WORTH_MORE: Final = 3.0  # and a further member of a form
 
@@ -219,6 +220,10 @@ class Members:
             if best[0] <= found[0]:
                 return found
             found = best
+
+    def narrow(self, form: Form) -> bool:
+        """Whether it has few leading columns."""
+        return sum(self.bank.width(basis) for basis in form.lead) <= _NARROW
 
     def switches(self, form: Form) -> bool:
         """Whether its leading bases have thresholds."""

@@ -16,7 +16,6 @@ _ROUNDS_OF_SHARPENING: Final = 2
 _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fitted is polished:
 _MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
 _NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
-_NARROW: Final = 4  # leading columns
 _HISTORIES: Final = 2  # that are polished
 
 
@@ -69,7 +68,7 @@ class Sharpening(States):
         every.sort(key=lambda one: one[0], reverse=True)
         least = given.log_evidence + _MOST_OF_GAIN * (best[0] - given.log_evidence)
         least_wide = min([best[0], *(one[0] for one in every[:1])]) - _NEAR_EQUATIONS
-        near = [one for one in every if one[0] > (least if self._narrow(one[1].form) else least_wide)][:_EQUATIONS]
+        near = [one for one in every if one[0] > (least if self.narrow(one[1].form) else least_wide)][:_EQUATIONS]
         near += self._grown_without_thresholds(region, every, others, noise)
         for start in (best, *near):
             found = self.exact(*self.polished(*start, given, finest=True), given)
@@ -88,9 +87,6 @@ class Sharpening(States):
             found = self.polished(*start, given, finest=True)
             own = found if found[0] > own[0] else own
         return own
-
-    def _narrow(self, form: Form) -> bool:
-        return sum(self.bank.width(basis) for basis in form.lead) <= _NARROW
 
     def _grown_without_thresholds(
         self, region: Region, starts: list[tuple[float, Member]], others: Set, noise: Noise

@@ -32,6 +32,7 @@ WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not m
 _AFRESH: Final = 8.0  # and beyond which one grows from what has grown in its region before alone
 _ALONE: Final = 240.0  # and of a set of one, whose form may lack most of its members
 _ROUGH: Final = 3  # equations whose likeliest forms are tried with departures too many to be screened
+_EXACT: Final = 6  # equations that are tried without departures
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
@@ -304,7 +305,7 @@ class States(Members):
         best = self.best_of_region(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
-        found = [self.polished(*best, given)[1], *self._rougher(region, given, white)]
+        found = [self.polished(*best, given)[1], *self._exactly(region, given, white), *self._rougher(region, given, white)]
         grow = region.grow
         if grow is None or not (state.noise != white or self.switches(own.form) or region.nuisance):
             return found
@@ -348,6 +349,17 @@ class States(Members):
         """Whether a set may become the likeliest; what is far behind is not looked for anew."""
         point = self.evidence(noise).log_evidence(members) + self.log_prior(members) + self.log_prior_of(noise)
         return point > self.top - WITHIN_REACH
+
+    def _exactly(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
+        """The likeliest law of few columns that is its equation: departures from one may look like another region's equation."""
+        forms = [
+            dataclasses.replace(member.form, smooth=(), own=())
+            for _, member in self.by_equation(region, given, noise)
+            if member.form.departures and self.narrow(member.form)
+        ]
+        found = (self.polished(*self.best(given, form), given) for form in forms[:_EXACT])
+        best = max(found, key=lambda one: one[0], default=None)
+        return [] if best is None else [best[1]]
 
     def _rougher(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
         """The likeliest of the region's forms with departures too many to be screened, where departures are above the noise."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Final, Literal, Self
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
 _PER_KNOT: Final = 16  # points of time, at which a wave's envelope is evaluated
+_LEFT: Final = 0.4  # of a warm-up at the end of the longest run, at most
 _EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
 
 
@@ -33,12 +34,20 @@ class Since(Basis):
     exponent: float = 1.0
 
     def columns(self, run: Run) -> Array:
+        return np.asarray(self._at(run.elapsed_s)[:, None])
+
+    def _at(self, elapsed_s: Any) -> Any:
         if self.law == "power":
-            return ((run.elapsed_s / self.unit_s) ** self.value)[:, None]
-        scaled = run.elapsed_s / self.value
+            return (elapsed_s / self.unit_s) ** self.value
+        scaled = elapsed_s / self.value
         if self.law == "hyperbola":
-            return ((1.0 + scaled) ** -self.exponent)[:, None]
-        return (np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled))[:, None]
+            return (1.0 + scaled) ** -self.exponent
+        return np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled)
+
+    @property
+    def settles(self) -> bool:
+        """Whether it may be a warm-up: of one that has not settled within a run nobody can tell that it will."""
+        return self.law in ("logarithm", "power") or self._at(self.unit_s) <= _LEFT
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         if self.law == "power" and self.value == 1.0:
@@ -48,7 +57,7 @@ class Since(Basis):
             found += [
                 dataclasses.replace(self, exponent=self.exponent * f) for f in (_EXPONENT_RATIO**step, _EXPONENT_RATIO**-step)
             ]
-        return tuple(found)
+        return tuple(one for one in found if one.settles)
 
     def parameters(self) -> dict[str, float]:
         if self.law == "power":
