@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,10 +16,11 @@ from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.histories import after_rest, one_after_the_other
-from rlgcomp.diagnosis.loops import rougher
+from rlgcomp.diagnosis.loops import one_history, rougher
 from rlgcomp.diagnosis.memories import (
     Plays,
     Preisach,
+    Relays,
     Undecided,
     dense,
     plane,
@@ -224,3 +226,28 @@ def test_the_same_basis_with_another_history_is_computed_anew(recordings: list[R
         for histories in ((), (("run2", (-half, half)),), (("run2", (half, -half)),))
     ]
     assert len({table.tobytes() for table in columns}) == 3
+
+
+def test_single_relays_share_what_was_before_the_runs(recordings: list[Recording]) -> None:
+    """A relay that no run has switched yet stands, in a further run, where the runs before it left it."""
+    data = data_of(recordings[:2])
+    further = Run.of(recordings[2], Grid.of(recordings), lambda binned: np.zeros(len(binned)))
+    driver = Driver.of(data, "temperature_block_degC")
+    begins = tuple((run.name, float(driver.values(run)[0])) for run in data.runs)
+    band = Relays(driver, (0.9,), (-0.9,), narrowest=0.1, begins=begins)
+    form = Form("thermal_hysteresis", "", (dataclasses.replace(band, opposite=("run1",)),))
+    own, *others = one_history(data.runs)(form)
+    relays_alike = [one.lead[0] for one in others if isinstance(one.lead[0], Relays)]
+    assert own.lead == form.lead
+    assert len(relays_alike) == len(others)
+    free = sum(-0.9 < first < 0.9 for _, first in begins)
+    assert own.log_share == pytest.approx(form.log_share - free * np.log(2.0))
+    assert form.lead[0].columns(further)[0, 0] == 0.5  # by itself, nothing is known of a further run
+    assert {float(relay.columns(further)[0, 0]) for relay in relays_alike} == {0.0, 1.0}
+    (followed,) = (relay for relay in relays_alike if len(relay.histories) == 3)
+    long = np.concatenate([driver.values(run) for run in (*data.runs, further)])
+    for start in (0.0, 1.0):
+        states = relay_states(long, np.array([0.9]), np.array([-0.9]), np.array([start]))
+        if states[0, 0] == followed.columns(data.runs[0])[0, 0]:
+            np.testing.assert_array_equal(followed.columns(further)[2:, 0], states[-further.bins :][2:, 0])
+    assert one_history(data.runs)(Form("", "", (Preisach(driver, 0.6, False, levels=20),))) == []

@@ -364,3 +364,27 @@ def test_a_gradient_read_by_late_thermometers_is_the_gradient_itself() -> None:
     assert contribution(late.for_true_quantities(), inside, outside) == pytest.approx(inside - outside)
     assert "thermometers_late_s" in late.stated()
     assert not late.for_true_quantities().shape_parameters()
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("warm_up", {"time_constant_s": 3000.0}),
+        ("ageing", {}),
+        ("periodic_interference", {"frequency_hz": 1.0 / 3000.0}),
+    ],
+)
+@pytest.mark.parametrize("gap", [False, True])
+def test_means_of_samples_have_the_time_of_the_first_sample(
+    runs: dict[str, rlg.Recording], name: str, numbers: dict[str, float], gap: bool
+) -> None:
+    """A stated line was a twelfth of a window early in a diagnosis, which evaluates it on means of samples."""
+    run = runs["chamber"]
+    if gap:
+        run = run.replace(table=run.table.drop(index=range(5, 40)).reset_index(drop=True), truth=None)
+    mechanism = rlg.CATALOGUE[name](**numbers)
+    table = pd.DataFrame({"basis": mechanism.basis(run)[:, -1]})
+    averaged = run.averaged(60.0, table)
+    np.testing.assert_allclose(mechanism.basis(averaged)[:, -1], averaged.column("basis"), atol=2e-3 * np.ptp(table["basis"]))
+    again = averaged.averaged(300.0, averaged.table[["basis"]].rename(columns={"basis": "twice"}))
+    np.testing.assert_allclose(mechanism.basis(again)[:, -1], again.column("twice"), atol=0.02 * np.ptp(table["basis"]))

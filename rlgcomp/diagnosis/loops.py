@@ -206,20 +206,20 @@ def one_history(runs: Sequence[Run]) -> Callable[[Form], list[Form]]:
         if len(relays) < len(form.lead):
             return []
 
-        def alike(weight: float, lead: Iterator[Relays]) -> Form:
-            return dataclasses.replace(form, lead=tuple(lead), log_share=form.log_share + math.log(weight))
-
         free = sum(len(relay.from_other_sides()) for relay in relays)
-        found = [dataclasses.replace(form, log_share=form.log_share - free * math.log(2.0))]
-        for start in SIDES:
-            found.append(alike(1.0 / len(SIDES), (dataclasses.replace(relay, start=start, opposite=()) for relay in relays)))
+        sides = [(1.0 / len(SIDES), [dataclasses.replace(one, start=start, opposite=()) for one in relays]) for start in SIDES]
         rests = np.arange(-1.0, 1.01, priors.RESTS_BESIDE)
         histories = [(1.0 / len(rests), after_rest(float(value))) for value in rests]
         if len(runs) > 1:
             histories.append((priors.FOLLOWING_RUNS, one_after_the_other(relays[0].driver, runs)))
-        for weight, history in histories:
-            found.append(alike(weight, (relay.after(history, runs[0].name) for relay in relays)))
-        return found
+        remembered = [(weight, [one.after(history, runs[0].name) for one in relays]) for weight, history in histories]
+        return [
+            dataclasses.replace(form, log_share=form.log_share - free * math.log(2.0)),
+            *(
+                dataclasses.replace(form, lead=tuple(lead), log_share=form.log_share + math.log(weight))
+                for weight, lead in (*sides, *remembered)
+            ),
+        ]
 
     return share
 

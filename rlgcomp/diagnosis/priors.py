@@ -74,6 +74,8 @@ SMOOTHEST: Final = 2.0
 """And the longest: a function that hardly bends is a polynomial."""
 TIME_CONSTANTS: Final = 12
 """Lags that are tried, in equal ratios from a window to a run: the next is within a sixth of an e-fold of any."""
+SHORTEST_LAG: Final = 0.75
+"""And the shortest, in windows: of a lag of half a window nothing is left but the rate of change, which has its own name."""
 THRESHOLDS: Final = 36
 """Levels of a relay that are tried over the range of its driver: polished afterwards."""
 DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)

@@ -84,14 +84,17 @@ def _rate_magnitude(setting: Setting) -> list[Family]:
 
 def _lags(setting: Setting) -> list[Family]:
     """Of the block, or of another place that has a thermometer."""
-    families = []
+    families, shortest_s = [], priors.SHORTEST_LAG * setting.data.runs[0].grid.window_s
     for driver in (setting.temperature, *setting.other_thermometers):
         times, name = setting.time_constants_s(1.5), "T" if driver == setting.temperature else driver.symbol
         ratio, weight = times[1] / times[0], 1.0 if driver == setting.temperature else 0.5
         freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
         families += [
             Family(
-                f"b = k (lag({name}, time_constant_s) - {name})", [(Lag(driver, t, ratio),) for t in times], freely, 2.0 * weight
+                f"b = k (lag({name}, time_constant_s) - {name})",
+                [(Lag(driver, t, ratio, shortest_s=shortest_s),) for t in times],
+                freely,
+                2.0 * weight,
             ),
             Family(f"b = k (mean of a slab - {name})", [(Conduction(driver, t, False, ratio),) for t in times[3:]], freely, weight),
             Family(f"b = k (back of a slab - {name})", [(Conduction(driver, t, True, ratio),) for t in times[3:]], freely, weight),

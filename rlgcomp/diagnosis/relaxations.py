@@ -23,12 +23,13 @@ _LEAST, _MOST = 0.05, 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Lag(Basis):
-    """What a first-order lag is behind its driver."""
+    """What a first-order lag is behind its driver; one far shorter than a window is the rate of change, and is named so."""
 
     driver: Driver
     time_constant_s: float
     ratio: float  # of the grid
     behind: bool = True  # less the driver itself
+    shortest_s: float = 0.0
 
     def columns(self, run: Run) -> Array:
         values = self.driver.values(run)
@@ -40,8 +41,8 @@ class Lag(Basis):
         return np.array([self.time_constant_s]), np.ones((1, 1))
 
     def nearby(self, step: float) -> tuple[Self, ...]:
-        factors = self.ratio**step, self.ratio**-step
-        return tuple(dataclasses.replace(self, time_constant_s=self.time_constant_s * f) for f in factors)
+        times_s = (self.time_constant_s * factor for factor in (self.ratio**step, self.ratio**-step))
+        return tuple(dataclasses.replace(self, time_constant_s=time_s) for time_s in times_s if time_s >= self.shortest_s)
 
     def parameters(self) -> dict[str, float]:
         return {"time_constant_s": self.time_constant_s}

@@ -43,6 +43,5 @@ class Ageing(Mechanism):
         return (cls(),) if max(begun) - min(begun) <= _TOGETHER_S else (cls(), cls(since="clock", begun_s=min(begun)))
 
     def basis(self, recording: Recording) -> Array:
-        time_s = recording.time_s
-        since_s = self.begun_s if self.since == "clock" else time_s[0]
-        return ((time_s - since_s) / SECONDS_PER_DAY)[:, None]
+        since_s = recording.time_s - self.begun_s if self.since == "clock" else recording.elapsed_s
+        return (since_s / SECONDS_PER_DAY)[:, None]

@@ -52,6 +52,5 @@ class PeriodicInterference(Mechanism):
         return np.asarray(self.basis(recording) @ weights)
 
     def basis(self, recording: Recording) -> Array:
-        time_s = recording.time_s
-        phase = 2.0 * np.pi * self.frequency_hz * (time_s - time_s[0])
+        phase = 2.0 * np.pi * self.frequency_hz * recording.elapsed_s
         return np.column_stack([np.cos(phase), np.sin(phase)])

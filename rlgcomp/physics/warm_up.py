@@ -56,7 +56,7 @@ class WarmUp(Mechanism):
         return tuple(cls(time_constant_s=float(tau)) for tau in np.geomspace(0.01 * longest, longest, 10))
 
     def basis(self, recording: Recording) -> Array:
-        since_s = recording.time_s - recording.time_s[0]
+        since_s = recording.elapsed_s
         basis = np.exp(-since_s / self.time_constant_s)
         if self.terms == "two":
             basis = (1.0 - self.slower_share) * basis + self.slower_share * np.exp(-since_s / self.slower_time_constant_s)

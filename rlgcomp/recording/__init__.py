@@ -184,6 +184,11 @@ class Recording:
         return float(self.time_s[-1] - self.time_s[0]) + self.period_s
 
     @property
+    def elapsed_s(self) -> Array:
+        """Time since the first sample, of which the first row may be a mean with others, shape (n,)."""
+        return self.time_s - self.time_s[0] + self.metadata.after_start_s
+
+    @property
     def gaps(self) -> npt.NDArray[np.intp]:
         """Rows after which samples are missing."""
         return self._clock.gaps
@@ -335,7 +340,8 @@ class Recording:
         if extra is not None:
             averaged = pd.concat([averaged, windows.means(extra[scored])], axis=1)
         truth = None if self._truth is None else windows.means(self._truth[scored])
-        metadata = dataclasses.replace(self.metadata, lead_in_s=0.0)
+        after_start_s = float(windows.middles_s[0] - self.time_s[0]) + self.metadata.after_start_s
+        metadata = dataclasses.replace(self.metadata, lead_in_s=0.0, after_start_s=max(0.0, after_start_s))
         findings = self.findings
         if windows.bursts_s is not None:
             about = message("recording.bursts", bursts=len(averaged), length_s=windows.bursts_s, window_s=window_s)

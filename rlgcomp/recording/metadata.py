@@ -33,6 +33,8 @@ class Metadata:
         Anything else, as it came; from a file dates are ISO text, and free text stands under `notes`.
     angle_step_deg : float, optional
         Resolution of the table's encoder; where absent, a diagnosis estimates it.
+    after_start_s : float
+        Time from the first sample to the first row, where rows are means of samples.
     """
 
     kind: Kind = "chamber"
@@ -42,6 +44,7 @@ class Metadata:
     lead_in_s: float = 0.0
     notes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     angle_step_deg: float | None = None
+    after_start_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
@@ -54,6 +57,8 @@ class Metadata:
             raise InputError(f"metadata: angle_step_deg is {self.angle_step_deg}; it must be positive")
         if not 0.0 <= self.lead_in_s < math.inf:
             raise InputError(f"metadata: lead_in_s is {self.lead_in_s}; it must be zero or positive")
+        if not 0.0 <= self.after_start_s < math.inf:
+            raise InputError(f"metadata: after_start_s is {self.after_start_s}; it must be zero or positive")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -65,7 +70,7 @@ class Metadata:
         for key, value in plain.items():
             if value is None:
                 continue
-            if key in ("latitude_deg", "pulse_arcsec", "angle_step_deg", "lead_in_s"):
+            if key in ("latitude_deg", "pulse_arcsec", "angle_step_deg", "lead_in_s", "after_start_s"):
                 try:
                     known[key] = float(value)
                 except (TypeError, ValueError, OverflowError):
