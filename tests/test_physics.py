@@ -381,7 +381,7 @@ def test_means_of_samples_have_the_time_of_the_first_sample(
     """A stated line was a twelfth of a window early in a diagnosis, which evaluates it on means of samples."""
     run = runs["chamber"]
     if gap:
-        run = run.replace(table=run.table.drop(index=range(5, 40)).reset_index(drop=True), truth=None)
+        run = run.replace(table=run.table.drop(index=range(6, 36)).reset_index(drop=True), truth=None)
     mechanism = rlg.CATALOGUE[name](**numbers)
     table = pd.DataFrame({"basis": mechanism.basis(run)[:, -1]})
     averaged = run.averaged(60.0, table)
