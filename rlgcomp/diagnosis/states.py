@@ -351,7 +351,12 @@ class States(Members):
         return point > self.top - WITHIN_REACH
 
     def _exactly(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
-        """The likeliest law of few columns that is its equation: departures from one may look like another region's equation."""
+        """The likeliest law of the time that is its very equation: departures from one look like another region's equation.
+
+        What is read departs from an equation by the errors of its sensor too; the time has none.
+        """
+        if region.drivers or region.nuisance:
+            return []
         forms = [
             dataclasses.replace(member.form, smooth=(), own=())
             for _, member in self.by_equation(region, given, noise)
