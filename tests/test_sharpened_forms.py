@@ -185,3 +185,10 @@ def test_other_runs_are_predicted_with_the_mean_of_two_states(saturating: tuple[
 def test_bases_say_whether_their_weight_is_an_amplitude_of_the_mechanism() -> None:
     bases: list[Basis] = [Smooth(VOLTS), Saturation(VOLTS, 0.3)]
     assert [basis.of_mechanism for basis in bases] == [True, False]
+
+
+def test_no_lag_is_polished_below_its_shortest() -> None:
+    lag = Lag(Driver(("a",)), 300.0, 1.4, shortest_s=100.0)
+    for _ in range(50):
+        lag = min(lag.nearby(0.5), key=lambda moved: moved.time_constant_s)
+    assert 100.0 <= lag.time_constant_s < 120.0

@@ -19,6 +19,7 @@ METADATA = {
     "`pulse_arcsec`": "angle of one pulse",
     "`angle_step_deg`": "resolution of the table's encoder",
     "`lead_in_s`": "first seconds that set the state of filters and are not fitted",
+    "`after_start_s`": "of a recording of means: from the first sample to the middle of the first mean",
     "`columns`": "in the `.yaml`: a map of names, as `--map`",
     "`period_s`": "in the `.yaml`: sample period of a file without time",
     "anything else": "kept as a note",

@@ -11,7 +11,8 @@ Rooms, each importing only from those before it:
     bases       forms of drivers as columns with Gaussian weights
     nonlinearities  saturations, dead zones, powers
     relaxations  lags of one time constant or many
-    memories    plays, relays and densities of them, and what was before a run
+    histories   what was before a run
+    memories    plays, relays and densities of them
     times       bases of the time in a run: laws of switch-on, waves
     terms       forms and regions: a mechanism is the name of a region
     setting     what builders of regions read
