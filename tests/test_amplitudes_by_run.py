@@ -40,7 +40,7 @@ def runs() -> list[rlg.Recording]:
 def diagnosis(runs: list[rlg.Recording]) -> Diagnosis:
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, LINE]})
     few = ["supply_voltage", "magnetic_field", "thermal_lag", "warm_up"]
-    return diagnose(simulator, runs[:2], runs[2:], only=few, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(simulator, runs[:2], runs[2:], only=few, window_s=4.0 * Grid.of(runs).window_s, black_box=False)
 
 
 def test_each_training_run_has_amplitudes_of_its_own(diagnosis: Diagnosis) -> None:

@@ -23,7 +23,7 @@ def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism
     """Of runs whose bias is a polynomial and more, and a simulation that knows the polynomial alone, and is late."""
     unit, runs, simulated = rlg.Simulator((bias, *more), noise=NOISE), [], []
     for k, (programme, offset_s) in enumerate(zip(PROGRAMMES, late_s, strict=True)):
-        run = unit.simulate(programme, seed=3 + k, step_s=5.0, name=programme)
+        run = unit.simulate(programme, seed=3 + k, step_s=20.0, name=programme)
         assert run.truth is not None
         of_bias, time_s = run.truth["thermal_polynomial"].to_numpy(), run.time_s
         shown = {name: np.interp(time_s - offset_s, time_s, run.column(name)) for name in monitors}

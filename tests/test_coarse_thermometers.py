@@ -27,8 +27,7 @@ def cubic() -> rlg.Simulator:
     return rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
 
 
-@pytest.mark.parametrize("ways", [(True, False), (True, True)])
-@pytest.mark.parametrize("step_K", [0.25, 1.0])
+@pytest.mark.parametrize(("step_K", "ways"), [(0.25, (True, True)), (1.0, (True, False))])
 def test_steps_of_a_thermometer_are_no_physics(cubic: rlg.Simulator, step_K: float, ways: tuple[bool, bool]) -> None:
     runs = [warming(31 + k, up=up, step_K=step_K) for k, up in enumerate(ways)]
     assert rlg.diagnose(cubic, train=runs, black_box=False).verdict == "none"

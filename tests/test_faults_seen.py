@@ -30,9 +30,11 @@ def stepping(run: Recording, at: int, size: float) -> Recording:
     return run.replace(table=run.table.assign(gyro_deg_h=values), truth=None)
 
 
-def asked(train: list[Recording], test: list[Recording], only: Sequence[str] = FEW) -> Diagnosis:
-    """On windows half as long again as by default."""
-    return diagnose(BASELINE, train, test, only=only, window_s=1.5 * Grid.of(train).window_s, black_box=False)
+def asked(
+    train: list[Recording], test: list[Recording], only: Sequence[str] = FEW, *, of: Simulator = BASELINE, windows: float = 3.0
+) -> Diagnosis:
+    """On windows so many times as long as by default."""
+    return diagnose(of, train, test, only=only, window_s=windows * Grid.of(train).window_s, black_box=False)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +72,7 @@ def test_steps_that_the_simulator_half_absorbs_are_steps() -> None:
     for k, (at, size) in enumerate(((148, -0.039), (225, -0.023))):
         runs[k] = stepping(runs[k], at, size)
     known = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, "temperature_rate", "thermal_gradient"]}
-    found = diagnose(Simulator.from_mapping(known), runs, only=(*FEW, "mode_hop"), black_box=False)
+    found = asked(runs, [], (*FEW, "mode_hop"), of=Simulator.from_mapping(known), windows=2.0)
     assert found.verdict == "none"
     assert {step["run"]: round(step["at_s"] / 20.0) for step in found.steps} == pytest.approx({"run0": 148, "run1": 225}, abs=3)
     for step in found.steps:
@@ -131,7 +133,7 @@ def test_a_stated_amplitude_beside_a_free_time_constant(stated_deg_h_K: float) -
     )
     lag = {"thermal_lag": {"k_deg_h_K": stated_deg_h_K, "time_constant_s": {"value": 3600.0, "free": True}}}
     low = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", lag]})
-    found = diagnose(low, runs[:2], runs[2:], only=("supply_voltage", "thermal_gradient", "temperature_rate"), black_box=False)
+    found = asked(runs[:2], runs[2:], ("supply_voltage", "thermal_gradient", "temperature_rate"), of=low, windows=2.0)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     assert found.verdict == "explained"
     numbers = found.recalibration["thermal_lag"]
@@ -148,7 +150,7 @@ def test_a_free_time_constant_beside_jumps_is_calibrated_beside_them() -> None:
     lag = {"thermal_lag": {"k_deg_h_K": 0.02, "time_constant_s": 300.0}}
     runs = recorded("thermal_polynomial", lag, {"random_telegraph": {"half_step_deg_h": 0.2, "dwell_s": 1500.0}})
     low = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", "thermal_lag"]})
-    found = diagnose(low, runs[:2], runs[2:], only=("thermal_gradient", "temperature_rate", "random_telegraph"), black_box=False)
+    found = asked(runs[:2], runs[2:], ("thermal_gradient", "random_telegraph"), of=low)
     assert [cause.name for cause in found.causes] == ["random_telegraph"]
     assert found.verdict == "explained"
     for name, truth in lag["thermal_lag"].items():

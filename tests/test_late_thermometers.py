@@ -51,9 +51,9 @@ def made(lag_s: float, *, slope: float = 0.01, rate: float = 0.0, behind: float 
     return runs
 
 
-def asked(runs: list[Recording], *only: str) -> Diagnosis:
-    """On windows twice as long as by default, of which there are half as many."""
-    return diagnose(Simulator.from_mapping(STATIC), runs, only=only, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+def asked(runs: list[Recording], *only: str, windows: float = 2.0) -> Diagnosis:
+    """On windows so many times as long as by default: the fewer, the sooner."""
+    return diagnose(Simulator.from_mapping(STATIC), runs, only=only, window_s=windows * Grid.of(runs).window_s, black_box=False)
 
 
 @functools.cache
@@ -86,7 +86,7 @@ def test_without_the_term_it_would_be_physics(monkeypatch: pytest.MonkeyPatch) -
     ids=["a lag of the gyro", "a rate that no plausible lag gives", "a rate of the other sign"],
 )
 def test_missing_physics_beside_a_late_thermometer_is_named(missing: dict[str, float], name: str) -> None:
-    found = asked(made(20.0, **missing))
+    found = asked(made(20.0, **missing), "thermal_lag", "temperature_rate", "thermal_gradient", "supply_voltage", windows=4.0)
     assert [cause.name for cause in found.causes] == [name]
 
 

@@ -24,8 +24,8 @@ PROGRAMMES = (
 )
 
 
-def diagnosed(stray: Callable[[rlg.Recording, int], Array]) -> Diagnosis:
-    """Of two runs with what no simulator foresees, tested on a third."""
+def diagnosed(stray: Callable[[rlg.Recording, int], Array], windows: float = 4.0) -> Diagnosis:
+    """Of two runs with what no simulator foresees, tested on a third, on windows so many times as long as by default."""
     noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
     runs = []
@@ -33,7 +33,7 @@ def diagnosed(stray: Callable[[rlg.Recording, int], Array]) -> Diagnosis:
         run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         runs.append(few_monitors(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + stray(run, k)), truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    return diagnose(fitted, runs[:2], runs[2:], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[:2], runs[2:], window_s=windows * Grid.of(runs).window_s, black_box=False)
 
 
 def wandering(run: rlg.Recording, k: int) -> Array:
@@ -65,7 +65,7 @@ def test_the_amplitude_of_a_line_may_follow_a_column() -> None:
         del k
         return np.asarray((0.02 + 1.5 * (voltage - 15.0)) * np.sin(2.0 * np.pi * run.time_s / PERIOD_S))
 
-    diagnosis = diagnosed(stray)
+    diagnosis = diagnosed(stray, 2.0)
     (cause,) = diagnosis.causes
     assert "follows supply_voltage_V" in cause.equation
     assert cause.parameters["frequency_hz"].value == pytest.approx(1.0 / PERIOD_S, rel=0.01)

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.times import Since
 from rlgcomp.simulation.simulator import Simulator
@@ -25,7 +26,7 @@ def test_a_logarithmic_ageing_has_its_amplitude_of_an_e_fold_and_its_time_consta
         )
         for run in runs_of(Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": noise}))
     ]
-    found = diagnose(BASELINE, runs, only=["ageing"], black_box=False)
+    found = diagnose(BASELINE, runs, only=["ageing"], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
     (cause,) = found.causes
     assert cause.equation == "b = k ln(1 + t / time_constant_s)"
     assert set(cause.parameters) == {"k", "time_constant_s"}
