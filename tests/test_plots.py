@@ -47,7 +47,7 @@ def evaluation(runs: list[rlg.Recording], model: rlg.Compensator) -> rlg.Evaluat
 
 @pytest.fixture(scope="module")
 def diagnosis(runs: list[rlg.Recording]) -> rlg.Diagnosis:
-    few: dict[str, Any] = {"only": ["thermal_hysteresis"], "window_s": 120.0, "black_box": False}  # what is drawn is the matter
+    few: dict[str, Any] = {"only": ["thermal_hysteresis"], "window_s": 300.0, "black_box": False}  # what is drawn is the matter
     return rlg.diagnose(GYRO.without("thermal_hysteresis"), train=runs[:2], test=runs[2:], **few)
 
 
