@@ -1,4 +1,7 @@
-"""Text: columns between commas, semicolons, tabs, bars or blanks, plain or gzipped; lines that begin with # are passed over.
+"""Text: columns between commas, semicolons, tabs, bars or blanks, plain or gzipped; remarks behind # are passed over.
+
+A remark is a line that begins with #, or what stands behind all entries of a line; elsewhere the sign is part of an entry, as in
+`1.#QNAN` or `step #3`. A last line that ends within a number is left out.
 
 :mod:`rlgcomp.recording.formats.dialect` finds how a file is written; LabVIEW's measurement files state it. Text may be in UTF-8,
 UTF-16 or the older encodings of Windows.
@@ -26,7 +29,17 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding
 from rlgcomp.recording.formats import labview, numbers
 from rlgcomp.recording.formats.contents import Contents
-from rlgcomp.recording.formats.dialect import BLANKS, MINUS, REMARK, Dialect, dialect_of, is_decimal_comma, without_thousands
+from rlgcomp.recording.formats.dialect import (
+    BLANKS,
+    MINUS,
+    REMARK,
+    Dialect,
+    dialect_of,
+    entries,
+    is_decimal_comma,
+    is_value,
+    without_thousands,
+)
 from rlgcomp.recording.formats.limits import require_gunzippable
 from rlgcomp.report.messages import message
 from rlgcomp.units import column_unit
@@ -40,20 +53,32 @@ _FEWEST_LINES: Final = 8  # where they are long
 _LONGEST_HEAD: Final = 1 << 24  # bytes
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
-_NO_THOUSANDS: Final = r",(?!\d{3}$)"  # a comma that does not stand three digits before the end
+_BLOCK: Final = 1 << 20  # characters read at a time
+_TAIL: Final = 1 << 14  # bytes that show whether the last line is cut
+_FEWEST_WHOLE: Final = 5  # lines among them, which it is compared with
+_NO_THOUSANDS: Final = r"^[+-]?0*,|^[+-]?0+\d|\d{4},|,(?!\d{3}$)"  # of entries with one comma: it stands between no thousands
+_POINTS_BETWEEN: Final = r"[+-]?(?:\d{1,3}|[1-9]\d{0,2}(?:\.\d{3})+)"  # whole numbers, with points between thousands
+_SPELLINGS: Final = (
+    (rf"[{MINUS}](?=\s*[\d.,])", "-"),
+    (r"^([+-])\s+(?=[\d.,])", r"\1"),
+    (r"^([+-]?[\d.,]+)[dD](?=[+-]\d{1,3}$)", r"\1E"),
+)
+_HEXADECIMAL: Final = r"\s*0[xX][0-9a-fA-F]{1,13}\s*"  # up to 2^52
+_NO_NUMBER: Final = r"[+-]?1\.#[A-Za-z]+\d*"  # as Windows writes what is no number: 1.#QNAN, -1.#IND00
 _DAMAGED: Final = (pd.errors.ParserError, UnicodeError, OSError, EOFError, zlib.error)
 
 
 def load(path: Path) -> Contents:
     """Contents of a text file; metadata stand in the .yaml beside it."""
-    if path.suffix != ".gz" and path.stat().st_size >= LARGE:
-        table = read_numbers(path)
-        if table is not None:
-            return Contents(table)
+    large = path.suffix != ".gz" and path.stat().st_size >= LARGE
     try:
         written = _dialect(path)
         if not written.names:
             raise InputError(_no_table(path, written))
+        if (cut := _cut_line(path, written)) is not None:
+            written = dataclasses.replace(written, cut=True, findings=(*written.findings, cut))
+        elif large and (table := read_numbers(path)) is not None:
+            return Contents(table)
         raw = _pandas(path, written)
         _require_no_blank_cells(raw, written, path)
         joins: tuple[Finding, ...] = ()
@@ -115,6 +140,7 @@ def batches(path: Path, columns: Sequence[str], rows: int) -> Iterator[pd.DataFr
     """
     try:
         written = _dialect(path)
+        written = dataclasses.replace(written, cut=_cut_line(path, written) is not None)
         first = 0
         with _pandas(path, written, usecols=list(columns), chunksize=rows) as reader:
             while (raw := _next_of(reader)) is not None:
@@ -179,7 +205,7 @@ def parse(lines: Sequence[str], written: Dialect, source: str) -> pd.DataFrame:
     source : str
         Named in messages.
     """
-    content = io.StringIO("".join(f"{line}\n" for line in lines))
+    content = io.StringIO("".join(f"{_without_remark(line, written)}\n" for line in lines))
     if not any(line.strip() for line in lines):
         return pd.DataFrame({name: np.empty(0) for name in names_of(written, source)})
     try:
@@ -202,7 +228,7 @@ def _require_no_blank_cells(table: pd.DataFrame, written: Dialect, path: Path) -
     short: tuple[int, int] | None = None
     with _opened(path, "rt", encoding=written.encoding) as stream:
         for number, line in enumerate(stream, start=1):
-            count = len(line.partition("#")[0].split())
+            count = len(_without_remark(line, written).split())
             if short is not None and count:
                 raise InputError(
                     f"{path}: line {short[0]} has {short[1]} entries and there are {len(written.names)} columns; blanks do not "
@@ -251,6 +277,10 @@ def tidied(table: pd.DataFrame, written: Dialect, path: str | Path, *, first: in
             findings.append(Finding("repaired", code, None, int(np.flatnonzero(again)[0])))
             table = table[~again].reset_index(drop=True)
         for name in worded:
+            if (whole := _of_hexadecimal(table[name])) is not None:
+                findings.append(Finding("noted", message("recording.hexadecimal", written=str(table[name].dropna().iloc[0])), name))
+                table = table.assign(**{name: whole})
+                continue
             values, commas, grouped = _as_numbers(table[name], written)
             table = table.assign(**{name: values})
             if grouped:
@@ -287,18 +317,18 @@ def _repeats_names(table: pd.DataFrame, names: Sequence[str], written: Dialect) 
 def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool, str | None]:
     """A column of text, as numbers where it holds numbers alone; whether some were written with a decimal comma; and the first that
     has signs between its thousands."""
-    present = values.notna()
-    known = values[present].astype(str).str.strip()
-    typeset = known.str.replace(rf"[{MINUS}](?=[\d.,])", "-", regex=True)
-    values, known = (values if typeset.equals(known) else typeset.astype(object).reindex(values.index)), typeset
-    commas = np.zeros(len(known), dtype=np.bool_)
-    if written.separator != ",":
-        commas = known.map(is_decimal_comma).to_numpy(dtype=np.bool_)
-        if written.decimal != "," and written.decimal_seen and not (commas.all() and known.str.contains(_NO_THOUSANDS).any()):
-            commas = np.zeros(len(known), dtype=np.bool_)  # they may as well stand between thousands
+    known = values[values.notna()].astype(str).str.strip()
+    plainly = _plainly_written(known)
+    values, known = (values if plainly.equals(known) else plainly.astype(object).reindex(values.index)), plainly
+    commas = known.map(is_decimal_comma).to_numpy(dtype=np.bool_)
+    if written.decimal != "," and written.decimal_seen and not (commas.all() and known.str.contains(_NO_THOUSANDS).any()):
+        commas = np.zeros(len(known), dtype=np.bool_)  # they may as well stand between thousands
     plain = known.where(~commas, known.str.replace(",", ".", regex=False))
-    read = pd.to_numeric(plain, errors="coerce")
     first = None
+    pointed = known.str.contains(".", regex=False)
+    if written.decimal == "," and pointed.any() and known.str.fullmatch(_POINTS_BETWEEN).all():
+        first, plain = str(known[pointed].iloc[0]), known.str.replace(".", "", regex=False)
+    read = pd.to_numeric(plain, errors="coerce")
     if read.isna().any():
         grouped = known.map(lambda entry: without_thousands(entry, written))
         again = pd.to_numeric(grouped, errors="coerce")
@@ -314,11 +344,30 @@ def _as_numbers(values: pd.Series, written: Dialect) -> tuple[pd.Series, bool, s
     return result, bool(commas.any()), first
 
 
+def _of_hexadecimal(values: pd.Series) -> pd.Series | None:
+    """Whole numbers of a column of hexadecimal ones such as 0x1A2B, without their signs; None of any other column."""
+    present = values.dropna()
+    if not len(present) or not present.astype(str).str.fullmatch(_HEXADECIMAL).all():
+        return None
+    return present.map(lambda entry: float(int(entry, 16))).reindex(values.index)
+
+
+def _plainly_written(known: pd.Series) -> pd.Series:
+    """Entries with numbers as they are usually written, without those that Windows writes for no number.
+
+    A hyphen stands for other signs of minus, nothing for blanks behind a sign, and E before an exponent for D.
+    """
+    for written_as, usual in _SPELLINGS:
+        known = known.str.replace(written_as, usual, regex=True)
+    return known[~known.str.fullmatch(_NO_NUMBER)]
+
+
 def _pandas(source: Any, written: Dialect, *, name: str | Path | None = None, **named: Any) -> Any:
     names = names_of(written, name or source)
+    lines = _Lines(source, written) if isinstance(source, Path) and (written.cut or _has_remarks(source, written)) else source
     with _losses_are_errors():
         return pd.read_csv(
-            source,
+            lines,
             skiprows=written.first,
             names=names,
             header=None,
@@ -327,11 +376,89 @@ def _pandas(source: Any, written: Dialect, *, name: str | Path | None = None, **
             decimal=written.decimal,
             encoding=written.encoding,
             na_values=["NAN", "NaT"],
-            comment="#",
             skipinitialspace=True,
             low_memory=False,
             **named,
         )
+
+
+class _Lines(io.TextIOBase):
+    """The lines of a file as a text, empty in place of remarks and of a last line that is cut."""
+
+    def __init__(self, path: Path, written: Dialect) -> None:
+        self._stream, self._written = _opened(path, "rt", encoding=written.encoding), written
+        self._number, self._ready = 0, ""
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int | None = -1) -> str:
+        """So many characters, or all."""
+        parts, length = [self._ready], len(self._ready)
+        while (size is None or size < 0 or length < size) and (line := self._line()):
+            parts.append(line)
+            length += len(line)
+        text_read = "".join(parts)
+        size = length if size is None or size < 0 else size
+        self._ready = text_read[size:]
+        return text_read[:size]
+
+    def _line(self) -> str:
+        line: str = self._stream.readline()
+        self._number += 1
+        if self._number <= self._written.first:
+            return line
+        ended = line.endswith("\n")
+        if "#" in line:
+            line = _without_remark(line.rstrip("\n"), self._written) + "\n"
+        return "\n" if line and not ended and self._written.cut else line
+
+    def close(self) -> None:
+        self._stream.close()
+        super().close()
+
+
+def _has_remarks(path: Path, written: Dialect) -> bool:
+    """Whether a # stands among the rows of a file."""
+    with _opened(path, "rt", encoding=written.encoding) as stream:
+        for _ in range(written.first):
+            stream.readline()
+        return any("#" in block for block in iter(lambda: stream.read(_BLOCK), ""))
+
+
+def _without_remark(line: str, written: Dialect) -> str:
+    """A line without the remark behind all its entries; nothing where all of it is one. Elsewhere # is part of an entry."""
+    at = line.find("#")
+    while at >= 0:
+        before = line[:at].rstrip()
+        if not before:
+            return ""
+        if (len(before) < at or before.endswith(written.separator)) and before.count('"') % 2 == 0:
+            kept = before.removesuffix(written.separator)
+            if len(entries(kept, written.separator)) >= len(written.names) - written.padded:
+                return kept
+        at = line.find("#", at + 1)
+    return line
+
+
+def _cut_line(path: Path, written: Dialect) -> Finding | None:
+    """A finding where the last line of a file ends within a number.
+
+    It has no line break, and its last entry has fewer digits than that of each line before it.
+    """
+    if path.suffix == ".gz" or written.encoding.startswith("utf-16") or written.segments or not written.names:
+        return None
+    with path.open("rb") as stream:
+        stream.seek(max(0, path.stat().st_size - _TAIL))
+        tail = re.split(r"\r\n|\n|\r", stream.read().decode(written.encoding, errors="ignore"))
+    *before, last = [entries(line, written.separator)[-1:] for line in tail if line.strip()] if tail[-1].strip() else [[]]
+    whole = [entry for one in before[1:] for entry in one if is_value(entry)]
+    if len(whole) < max(_FEWEST_WHOLE, len(before) // 2) or not last or not is_value(last[0]):
+        return None
+    sign = re.compile(r".*[.,]" if all(re.search(r"[.,]", entry) for entry in whole) else "")
+    if not len(sign.sub("", last[0], 1)) < min(len(sign.sub("", entry, 1)) for entry in whole):
+        return None
+    return Finding("repaired", message("recording.cut_line", last=tail[-1][-40:]))
 
 
 def _next_of(reader: Any) -> pd.DataFrame | None:

@@ -29,7 +29,9 @@ _MOST_BELOW: Final = 3  # rows of units, kinds or blanks between the names and t
 
 MINUS: Final = "−–﹣－"  # signs that typeset numbers have in place of the hyphen
 _SIGN: Final = rf"[+{MINUS}-]?"
-_POINT: Final = re.compile(rf"{_SIGN}(\d+\.?\d*|\.\d+)([eE]{_SIGN}\d+)?|{_SIGN}(nan|inf(inity)?)", re.IGNORECASE)
+_POINT: Final = re.compile(
+    rf"{_SIGN}\s*(\d+\.?\d*|\.\d+)([eEdD]{_SIGN}\d+)?|{_SIGN}(nan|inf(inity)?|1\.#[a-z]+\d*)|0x[\da-f]+", re.IGNORECASE
+)
 _COMMA: Final = re.compile(rf"{_SIGN}\d*,\d+([eE]{_SIGN}\d+)?")
 _FRACTION: Final = re.compile(rf"{_SIGN}\d*\.\d+([eE]{_SIGN}\d+)?")
 _WITH_UNIT: Final = re.compile(rf"{_SIGN}\d+([.,]\d+)?\s*(?P<unit>[^\d\s].*)")
@@ -77,6 +79,8 @@ class Dialect:
     surplus : int
         Names beyond the entries of the rows: which name is whose is unknown.
     encoding : str
+    cut : bool
+        The last line ends within a number.
     """
 
     separator: str
@@ -94,6 +98,7 @@ class Dialect:
     segments: bool = False
     decimal_seen: bool = True
     encoding: str = "utf-8"
+    cut: bool = False
 
 
 def dialect_of(lines: Sequence[str]) -> Dialect:
@@ -206,6 +211,11 @@ def is_value(entry: str) -> bool:
 def is_decimal_comma(entry: str) -> bool:
     """Whether an entry is a number with a decimal comma."""
     return bool(_COMMA.fullmatch(entry))
+
+
+def _may_be_thousands(entry: str) -> bool:
+    """Whether the one point or comma of a number may stand between its thousands."""
+    return bool(re.fullmatch(_SIGN + r"[1-9]\d{0,2}[.,]\d{3}", entry))
 
 
 def _decimal_of_groups(entry: str) -> str | None:
@@ -373,15 +383,26 @@ def _findings_below(names: Sequence[str], below: Sequence[Sequence[str]], stated
 
 
 def decimal_of(separator: str, lines: Iterable[str]) -> str | None:
-    """The decimal sign: a comma where numbers have commas and none has a point; None where no number shows it."""
+    """The decimal sign: a comma where numbers have commas and none has a point; None where no number shows it.
+
+    A point or a comma that may stand between thousands decides only where no other number does.
+    """
     if separator == ",":
         return "."
-    comma = False
+    certain, possible = False, set()
     for line in lines:
         for entry in entries(line, separator):
-            if _FRACTION.fullmatch(entry):
-                return "."
             if (sign := _decimal_of_groups(entry)) is not None:
                 return sign
-            comma = comma or _COMMA.fullmatch(entry) is not None
-    return "," if comma else None
+            point = _FRACTION.fullmatch(entry) is not None
+            if not point and _COMMA.fullmatch(entry) is None:
+                continue
+            if _may_be_thousands(entry):
+                possible.add("." if point else ",")
+            elif point:
+                return "."
+            else:
+                certain = True
+    if certain:
+        return ","
+    return "." if "." in possible else "," if possible else None

@@ -233,8 +233,10 @@ TEXTS: Final = {
         "{entries} entries are neither numbers nor dates, the first {first!r}; give seconds, or dates as 2026-03-01 12:00:00 or "
         "01.03.2026 12:00:00"
     ),
+    "cut_line": "the last line ends within a number, {last!r}, and without a line break: left out",
     "decimal_comma": "numbers are written with a decimal comma",
     "thousands": "signs between thousands, as in {written!r}, are no decimal signs",
+    "hexadecimal": "numbers such as {written!r} are read as hexadecimal whole numbers without a sign",
     "repeated_header": "{rows} rows repeat the names or units of the columns, left out",
     "segments": ("{segments} segments begin again at their first time: placed by the dates of their headers, from {first} on"),
     "empty_time": "every value is missing (NaN); mend the file",

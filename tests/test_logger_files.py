@@ -1,0 +1,108 @@
+"""Files as loggers and laboratories write them, each with known content: read as meant, or refused with what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rlgcomp as rlg
+from rlgcomp.recording.formats.pieces import read_pieces
+from tests.cases import by_code
+
+ROWS = 200
+TIME = np.arange(float(ROWS))
+GYRO = np.round(9.0 + 0.5 * np.random.default_rng(7).standard_normal(ROWS), 5)
+BLOCK = np.round(20.0 + 6.0 * TIME / ROWS + 0.3 * np.sin(TIME / 30.0), 3)
+NAMES = ("t [s]", "w [deg/h]", "T [degC]")
+OWN = {"time_s": "t [s]", "gyro_deg_h": "w [deg/h]", "temperature_block_degC": "T [degC]"}
+
+
+def digits(values: np.ndarray, count: int = 5, comma: bool = False) -> list[str]:
+    return [f"{value:.{count}f}".replace(".", "," if comma else ".") for value in values.tolist()]
+
+
+def text(*columns: list[str], names: tuple[str, ...] = NAMES, separator: str = ";") -> str:
+    return "".join(f"{separator.join(row)}\n" for row in [names, *zip(*columns, strict=True)])
+
+
+def plain() -> str:
+    return text(digits(TIME, 1), digits(GYRO), digits(BLOCK, 3))
+
+
+def read(tmp_path: Path, content: str | bytes, name: str = "run.csv", **how: object) -> rlg.Recording:
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return rlg.read(path, **{"columns": OWN, **how})
+
+
+def expect(run: rlg.Recording, rows: slice | np.ndarray = slice(None)) -> dict[str, object]:
+    """The run holds those rows of the known numbers; its findings by code."""
+    assert run.time_s - run.time_s[0] == pytest.approx(TIME[rows] - TIME[rows][0], abs=1e-4)
+    assert run.rate_deg_h() == pytest.approx(GYRO[rows], abs=1e-4)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK[rows], abs=2e-3)
+    return by_code(run.findings)
+
+
+# --- signs within entries ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("word", ["1.#QNAN", "-1.#IND", "-1.#IND00", "1.#QNAN0", "#N/A", "nan"])
+def test_what_windows_writes_for_no_number_is_missing(tmp_path: Path, word: str) -> None:
+    gyro = digits(GYRO)
+    gyro[50] = word
+    run = read(tmp_path, text(digits(TIME), gyro, digits(BLOCK)))
+    assert "missing_gyro_values" in expect(run, np.arange(ROWS) != 50)
+
+
+def test_a_number_sign_within_an_entry_is_no_remark(tmp_path: Path) -> None:
+    events = ["step #3" if k == 70 else "" if k % 2 else "#" for k in range(ROWS)]
+    content = text(digits(TIME), events, digits(GYRO), digits(BLOCK), names=(NAMES[0], "event", *NAMES[1:]))
+    lines = content.splitlines()
+    lines[20:20] = ["# the heater is on", "  # and hot"]
+    lines[30] += " # a remark behind the numbers"
+    lines[31] += ";# one behind the last separator"
+    expect(read(tmp_path, "\n".join(lines) + "\n"))
+    pieces = read_pieces(tmp_path / "run.csv", "gyro_deg_h", columns=OWN)
+    assert pd.concat([piece.table for piece in pieces])["gyro_deg_h"].to_numpy() == pytest.approx(GYRO)
+
+
+@pytest.mark.parametrize("kept", [1, 3])
+def test_a_last_line_that_ends_within_a_number_is_left_out(tmp_path: Path, kept: int) -> None:
+    content = plain().rstrip()
+    run = read(tmp_path, content[: len(content) - 6 + kept])
+    assert "cut_line" in expect(run, slice(ROWS - 1))
+    *_, last = read_pieces(tmp_path / "run.csv", "gyro_deg_h", columns=OWN)
+    assert last.time_s[-1] == TIME[-2]
+    assert "cut_line" not in expect(read(tmp_path, content))
+
+
+def test_points_between_thousands_beside_decimal_commas(tmp_path: Path) -> None:
+    time_ms = [f"{round(1000 * value):,}".replace(",", ".") for value in TIME.tolist()]
+    content = text(time_ms, digits(GYRO, comma=True), digits(BLOCK, comma=True), names=("t [ms]", *NAMES[1:]))
+    found = expect(read(tmp_path, content, columns=OWN | {"time_s": "t [ms]"}))
+    assert {"thousands", "decimal_comma"} <= found.keys()
+
+
+def test_decimal_commas_in_quotes_between_commas(tmp_path: Path) -> None:
+    quoted = [[f'"{entry}"' for entry in digits(values, comma=True)] for values in (TIME, GYRO, BLOCK)]
+    assert "decimal_comma" in expect(read(tmp_path, text(*quoted, separator=",")))
+
+
+@pytest.mark.parametrize("style", ["sign and blanks", "D for E"])
+def test_numbers_of_recorders_and_of_fortran(tmp_path: Path, style: str) -> None:
+    def spelt(values: np.ndarray) -> list[str]:
+        blanks = [f"{'-' if value < 0 else '+'}{abs(value):9.5f}" for value in values.tolist()]
+        return blanks if style == "sign and blanks" else [f"{value:.7E}".replace("E", "D") for value in values.tolist()]
+
+    expect(read(tmp_path, text(digits(TIME), spelt(GYRO), spelt(BLOCK), separator=",")))
+
+
+def test_hexadecimal_counts(tmp_path: Path) -> None:
+    counts = [f"0x{round(1000 * value) & 0xFFFF:04X}" for value in (GYRO - 9.0).tolist()]
+    columns = OWN | {"gyro_deg_h": "N [0.001 deg/h]"}
+    run = read(tmp_path, text(digits(TIME), counts, digits(BLOCK), names=(NAMES[0], "N", NAMES[2])), columns=columns)
+    assert run.rate_deg_h() == pytest.approx(GYRO - 9.0, abs=1e-3)
+    assert {"hexadecimal", "counter_overflow"} <= by_code(run.findings).keys()
