@@ -71,7 +71,8 @@ _RESISTANCE, _PULSES = "resistance [Ohm]", "pulses"
 # One line a dimension: unit -> (factor, offset) with value_in_base = factor * value + offset.
 _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
     _TIME: {unit: (factor, 0.0) for unit, factor in _TIMES.items()},
-    _RATE: {unit: (factor, 0.0) for unit, factor in _RATES.items()},
+    _RATE: {unit: (factor, 0.0) for unit, factor in _RATES.items()}
+    | {"ERU": (EARTH_RATE_DEG_H, 0.0), "mERU": (1e-3 * EARTH_RATE_DEG_H, 0.0)},  # Earth rate units of navigation grade gyros
     _ANGLE: {unit: (factor, 0.0) for unit, factor in _ANGLES.items()},
     _TEMPERATURE: {
         "degC": (1.0, 0.0),
@@ -111,36 +112,46 @@ _DIMENSIONS: Final[dict[str, dict[str, tuple[float, float]]]] = {
 _UNITS: Final = {unit: (dimension, form) for dimension, table in _DIMENSIONS.items() for unit, form in table.items()}
 # Spellings met in the headers of laboratory files; a ratio is made of two of them, and each may have a prefix.
 _SPELLINGS: Final[dict[str, str]] = {
-    "s": "sec, secs, second, seconds, sekunde, sekunden, seconde, secondes",
-    "ms": "millis, tms",
-    "us": "micros, tus",
+    "s": "sec, secs, second, seconds, sekunde, sekunden, seconde, secondes, segundo, segundos, secondo, secondi, с, сек, 秒",
+    "ms": "millis, tms, мсек",
+    "us": "micros, tus, мксек",
     "ns": "nanos, tns",
-    "min": "mins, minute, minutes, minuten",
-    "h": "hr, hrs, hour, hours, std, stunde, stunden, heure, heures",
+    "min": "mins, minute, minutes, minuten, minuto, minutos, minuti, мин, 分, 分钟",
+    "h": "hr, hrs, hour, hours, std, stunde, stunden, heure, heures, ч, 小时",
     "d": "day, days, tag, tage",
     "week": "weeks",
-    "deg": "°, º, degs, degree, degrees, grad",
-    "rad": "rads, radian, radians",
-    "arcsec": "″, arcsecs, arcsecond, arcseconds, asec, as",
+    "deg": "°, º, degs, degree, degrees, grad, degré, degrés, degres, grado, grados, gradi, град, градус, градусов, 度",
+    "rad": "rads, radian, radians, радиан, рад, 弧度",
+    "arcsec": "″, arcsecs, arcsecond, arcseconds, asec, as, bogensekunde, bogensekunden, 角秒",
     "arcmin": "′, arcmins, arcminute, arcminutes",
-    "rev": "revs, revolution, revolutions, turn, turns",
+    "rev": "revs, revolution, revolutions, turn, turns, об",
     "deg/s": "dps",
     "deg/h": "dph",
     "rev/min": "rpm",
     "arcsec/s": '"/s',
-    "degC": "°C, ºC, ℃, C, celsius, deg c, ° c, grad c, gradc",
-    "K": "kelvin",
-    "degF": "°F, ºF, ℉, F, fahrenheit, deg f, ° f",
-    "V": "volt, volts",
-    "A": "ampere, amperes, amps",
-    "Ohm": "Ω, ohms",
+    "degC": (
+        "°C, ºC, ℃, C, celsius, deg c, deg. c, ° c, grad c, gradc, degrees c, degrees celsius, celsius degrees, grad celsius, °celsius, "
+        "degrés c, °С, 摄氏度"
+    ),
+    "K": "kelvin, degk, deg k, °K, К",
+    "degF": "°F, ºF, ℉, F, fahrenheit, deg f, deg. f, ° f, degrees f, degrees fahrenheit",
+    "V": "volt, volts, В, вольт, 伏",
+    "A": "ampere, amperes, amps, А",
+    "Pa": "Па",
+    "Ohm": "Ω, ohms, Ом, 欧",
     "G": "gauss",
     "m/s^2": "m/s2, m/s², mps2",
     "m/s": "mps",
-    "pulses": "pulse",
+    "pulses": "pulse, имп, импульс, импульсов, 脉冲",
     "counts": "count",
 }
-_PREFIXES: Final = {"milli": "m", "micro": "u", "nano": "n", "kilo": "k", "m": "m", "µ": "u", "u": "u", "n": "n", "k": "k"}
+_PREFIXES: Final = {
+    "milli": "m", "micro": "u", "nano": "n", "kilo": "k", "m": "m", "µ": "u", "u": "u", "n": "n", "k": "k", "мк": "u", "м": "m",
+    "к": "k", "г": "h", "毫": "m", "微": "u",
+}  # fmt: skip
+_PER_TIME: Final = {  # words that stand for a unit behind "per" alone: as a name they are a time of day
+    "hora": "h", "horas": "h", "ora": "h", "ore": "h", "час": "h", "часа": "h", "時間": "h", "時": "h", "时": "h",
+}  # fmt: skip
 _SMALL: Final = [unit.lower() for unit in _UNITS]
 _WORDS: Final = (  # G is gauss and g gravity, so that neither small letter stands for the other
     {unit.lower(): unit for unit in _UNITS if _SMALL.count(unit.lower()) == 1}
@@ -175,7 +186,7 @@ _SPOKEN: Final = re.compile(  # at the end of a column's name
     r"$"
 )
 _PLATINUM: Final = re.compile(r"(?P<unit>.*\S)\s+pt(?P<ohm>100|200|500|1000)", re.IGNORECASE)
-_OVER: Final = re.compile(r"\s*/\s*|[\s_]*per[\s_]*|p", re.IGNORECASE)
+_OVER: Final = re.compile(r"\s*/\s*|[\s_]*per[\s_]*|\s+(?:pro|por|par|в)\s+|每|p", re.IGNORECASE)
 _LONGEST_UNIT: Final = 40  # letters
 # What stands between a name and its unit where no brackets do. Behind the first it is nothing else (DIN 1313: quantity / unit);
 # behind others a single letter may as well be a label: anode A, thermometer C.
@@ -448,7 +459,8 @@ def plain_spelling(unit: str) -> str:
     if (known := _word(unit)) is not None:
         return known
     for over in _OVER.finditer(unit):
-        ratio = f"{_word(unit[: over.start()])}/{_word(unit[over.end() :])}"
+        time = unit[over.end() :]
+        ratio = f"{_word(unit[: over.start()])}/{_PER_TIME.get(time.lower()) or _word(time)}"
         if ratio in _UNITS:
             return ratio
     return unit

@@ -541,7 +541,6 @@ def test_a_line_with_too_many_entries_is_named(tmp_path: Path) -> None:
         ("supply_voltage_V", "Vcc/mV [V]", 1.0, None),  # the stated one is believed
         ("supply_voltage_V", "Vcc", 1e-3, "recording.unit_of_name"),
         ("supply_voltage_V", "U in Vpp", 1.0, "recording.unit_not_understood"),
-        ("discharge_current_a_mA", "anode_A", 1.0, "recording.unit_not_understood"),
         ("time_s", "t in min", 60.0, "recording.unit_of_name"),
         ("time_s", "Time_ms", 1e-3, "recording.unit_of_name"),
         ("gyro_deg_h", "Omega/(deg/s)", 3600.0, None),

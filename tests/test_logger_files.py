@@ -106,3 +106,70 @@ def test_hexadecimal_counts(tmp_path: Path) -> None:
     run = read(tmp_path, text(digits(TIME), counts, digits(BLOCK), names=(NAMES[0], "N", NAMES[2])), columns=columns)
     assert run.rate_deg_h() == pytest.approx(GYRO - 9.0, abs=1e-3)
     assert {"hexadecimal", "counter_overflow"} <= by_code(run.findings).keys()
+
+
+# --- units ------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "in_deg_h"),
+    [
+        ("Скорость [град/ч]", 1.0),
+        ("ω_z, °/с", 3600.0),
+        ("角速度(度/小时)", 1.0),
+        ("角速度[度/秒]", 3600.0),
+        ("Vitesse (degrés/heure)", 1.0),
+        ("Velocidad (grados/hora)", 1.0),
+        ("Drehrate in Grad pro Stunde", 1.0),
+        ("wz [ERU]", 15.041067),
+        ("wz_meru", 0.015041067),
+        ("wz [0.1 deg/h]", 0.1),
+        ("wz [1/10 deg/h]", 0.1),
+        ("Rate, deg/h (S/N: 10123, cable 4)", 1.0),
+    ],
+)
+def test_units_of_a_gyro_in_the_words_of_laboratories(tmp_path: Path, header: str, in_deg_h: float) -> None:
+    content = text(digits(TIME), digits(GYRO / in_deg_h, 9), digits(BLOCK), names=(NAMES[0], header, NAMES[2]))
+    expect(read(tmp_path, content, columns=OWN | {"gyro_deg_h": header}))
+
+
+@pytest.mark.parametrize(
+    ("header", "values"),
+    [
+        ("T [°С]", BLOCK),  # a Cyrillic letter
+        ("T [degK]", BLOCK + 273.15),
+        ("温度(摄氏度)", BLOCK),
+        ("Temp, °F (LGR S/N: 10123, SEN S/N: 10124)", 1.8 * BLOCK + 32.0),
+        ("Temperature (degrees Celsius)", BLOCK),
+    ],
+)
+def test_units_of_a_thermometer_in_the_words_of_laboratories(tmp_path: Path, header: str, values: np.ndarray) -> None:
+    content = text(digits(TIME), digits(GYRO), digits(values), names=(*NAMES[:2], header))
+    expect(read(tmp_path, content, columns=OWN | {"temperature_block_degC": header}))
+
+
+@pytest.mark.parametrize("name", ["Temp_F", "TempF", "Block Temp F"])
+def test_a_letter_that_may_be_a_unit_or_a_label_is_asked_about(tmp_path: Path, name: str) -> None:
+    content = text(digits(TIME), digits(GYRO), digits(1.8 * BLOCK + 32.0), names=(*NAMES[:2], name))
+    with pytest.raises(rlg.InputError, match=rf"'{name} \[degF\]' or .*'{name} \[degC\]'"):
+        read(tmp_path, content, columns=OWN | {"temperature_block_degC": name})
+    expect(read(tmp_path, content, columns=OWN | {"temperature_block_degC": f"{name} [degF]"}))
+
+
+@pytest.mark.parametrize(("name", "ohm"), [("PT100", 100.0), ("Pt1000 block", 1000.0)])
+def test_a_platinum_thermometer_without_a_unit_is_asked_about(tmp_path: Path, name: str, ohm: float) -> None:
+    resistance = ohm * (1.0 + 3.9083e-3 * BLOCK - 5.775e-7 * BLOCK**2)
+    content = text(digits(TIME), digits(GYRO), digits(resistance), names=(*NAMES[:2], name))
+    with pytest.raises(rlg.InputError, match=rf"'{name} \[Ohm Pt{ohm:.0f}\]' or .*'{name} \[degC\]'"):
+        read(tmp_path, content, columns=OWN | {"temperature_block_degC": name})
+    expect(read(tmp_path, content, columns=OWN | {"temperature_block_degC": f"{name} [Ohm Pt{ohm:.0f}]"}))
+    content = text(digits(TIME), digits(GYRO), digits(BLOCK), names=(*NAMES[:2], name))  # no resistance: its temperature
+    expect(read(tmp_path, content, columns=OWN | {"temperature_block_degC": name}))
+
+
+def test_a_map_may_say_of_which_thermometer_a_resistance_is(tmp_path: Path) -> None:
+    ohm = 100.0 * (1.0 + 3.9083e-3 * BLOCK - 5.775e-7 * BLOCK**2)
+    content = text(digits(TIME), digits(GYRO), digits(ohm), names=(*NAMES[:2], "R1 (Ohm)"))
+    expect(read(tmp_path, content, columns=OWN | {"temperature_block_degC": "R1 [Ohm Pt100]"}))
+    content = text(digits(TIME), digits(GYRO), digits(BLOCK), names=(NAMES[0], "dtheta [arcsec]", NAMES[2]))
+    expect(read(tmp_path, content, columns=OWN | {"gyro_deg_h": "dtheta [1 arcsec/s]"}))  # a degree an hour at a sample a second

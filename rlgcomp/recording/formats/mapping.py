@@ -26,7 +26,9 @@ from rlgcomp.report.messages import message
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _OFFSET: Final = re.compile(rf"(?P<source>.*[\])])\s*(?P<sign>[+-])\s*(?P<offset>{_NUMBER})\s*")
-_FACTOR: Final = re.compile(rf"(?P<factor>{_NUMBER})[\s*·]*(?P<unit>\D.*)")
+_FACTOR: Final = re.compile(rf"(?P<factor>1/\d+(?=[\s*·])|{_NUMBER})[\s*·]*(?P<unit>\D.*)")
+_PLATINUM: Final = re.compile(r"pt[\s_-]?(100|200|500|1000)(?!\d)", re.IGNORECASE)
+_PLATINUM_RATIOS: Final = (0.6, 1.8)  # of its resistance to that at 0 degC: from -100 to 210 degC
 
 
 class Source(NamedTuple):
@@ -93,6 +95,7 @@ def apply_mapping(
     for target, text in mapping.items():
         sources = sources_of(table.columns, str(text), name, file_units, parts=target == TIME)
         wanted = units.column_unit(target)
+        sources = [_before_its_remark(one, wanted, target, findings) for one in sources]
         known = [(one if one.unit else _by_its_name(one, table, wanted, target, findings)) for one in sources]
         if len(sources) > 1:
             stated_units.add(target)
@@ -124,6 +127,20 @@ def apply_mapping(
     return pd.DataFrame(mapped, copy=False), frozenset(stated_units), tuple(findings)
 
 
+def _before_its_remark(source: Source, wanted: str | None, target: str, findings: list[Finding]) -> Source:
+    """A source whose header ends in a remark in brackets, in the unit before it: `Temp, °C (S/N: 10123)`."""
+    name, remark = units.header_unit(source.column)
+    if wanted is None or remark is None or source.unit != remark or units.is_unit(remark) or times.is_layout(remark):
+        return source
+    named = units.unit_in_name(name, wanted)
+    if named is None or named.kind != "expected":
+        return source
+    findings.append(
+        Finding("noted", message("recording.unit_of_name", source=source.column, wanted=wanted, unit=named.unit), target)
+    )
+    return source._replace(unit=named.unit)
+
+
 def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target: str, findings: list[Finding]) -> Source:
     """A source whose unit nobody stated, in the unit that its name states; a finding where it states another than the target's.
 
@@ -142,6 +159,7 @@ def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target
     named = units.unit_in_name(source.column.removeprefix(f"{group}/") if inside else source.column, wanted)
     about = {"source": source.column, "wanted": wanted}
     if named is None:
+        _require_no_resistance(source.column, values, wanted, target)
         if units.plain_spelling(wanted) != "pulses":
             findings.append(Finding("noted", message("recording.unit_not_stated", **about), target))
         return source
@@ -150,11 +168,37 @@ def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target
     if _same_unit(named.unit, wanted):
         return source
     about["unit"] = named.unit
+    if named.kind == "unclear" and named.name and units.is_unit(named.unit) and units.same_kind(named.unit, wanted):
+        raise InputError(
+            f"{target}: the name {source.column!r} ends in {named.unit!r}, which may be its unit or a label; state which: "
+            f"--map {target}='{source.column} [{units.plain_spelling(named.unit)}]' or --map {target}='{source.column} [{wanted}]'"
+        )
     if named.kind == "unclear":
         findings.append(Finding("noted", message("recording.unit_not_understood", **about), target))
         return source
     findings.append(Finding("noted", message("recording.unit_of_name", **about), target))
     return source._replace(unit=named.unit)
+
+
+def _require_no_resistance(column: str, values: pd.Series, wanted: str, target: str) -> None:
+    """Raise where a name is that of a platinum thermometer and the numbers are such as its resistance, or a temperature.
+
+    Raises
+    ------
+    InputError
+        They are.
+    """
+    found = _PLATINUM.search(column)
+    if found is None or not units.same_kind(wanted, "degC"):
+        return
+    ratio = float(np.nanmedian(pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan))) / float(
+        found[1]
+    )
+    if _PLATINUM_RATIOS[0] <= ratio <= _PLATINUM_RATIOS[1]:
+        raise InputError(
+            f"{target}: the numbers of {column!r} may be the resistance of the thermometer or its temperature; state which: "
+            f"--map {target}='{column} [Ohm Pt{found[1]}]' or --map {target}='{column} [{wanted}]'"
+        )
 
 
 def _other_kind(column: str, unit: str, wanted: str, target: str) -> str:
@@ -402,26 +446,33 @@ def sources_of(
 def _find(columns: list[str], text: str, name: str) -> Source:
     """The one column that a source without a sum means."""
     if text in columns:
-        return Source(text, units.header_unit(text)[1])
+        return Source(text, *_with_factor(units.header_unit(text)[1])[:2])
     offset = _OFFSET.fullmatch(text)
     shift = float(f"{offset['sign']}{offset['offset']}") if offset else 0.0
     stem, unit = units.header_unit(offset["source"] if offset else text)
-    factor = 1.0
-    if unit is not None and not units.is_unit(unit) and (scaled := _FACTOR.fullmatch(unit)) is not None:
-        factor, unit = float(scaled["factor"]), scaled["unit"].strip()
+    unit, factor, has_factor = _with_factor(unit)
     if not (math.isfinite(factor) and math.isfinite(shift) and factor != 0.0):
         raise InputError(f"{name}: {text!r} scales a column by {factor:g} and shifts it by {shift:g}; give finite numbers")
     column = _column_of(columns, stem) or _column_of(columns, text)
     if column is None:
         raise InputError(f"{name}: no column {text!r} to map; the columns are {', '.join(columns)}")
     own = units.header_unit(column)[1]
-    stated = unit is not None and factor == 1.0 and stem != column
-    if stated and own is not None and units.is_unit(own) and not _same_unit(str(unit), own):
+    stated = unit is not None and not has_factor and stem != column
+    of_platinum = re.sub(r"\s+pt\d+$", "", str(unit), flags=re.IGNORECASE)  # says of which thermometer the resistance is
+    if stated and own is not None and units.is_unit(own) and not _same_unit(of_platinum, own):
         raise InputError(
             f"{name}: {text!r} states {unit}, and the column is {column!r}; write '{column}' to read it in {own}, or "
             f"'{column} [{unit}]' where its header is wrong"
         )
     return Source(column, unit if unit is not None else own, factor, shift)
+
+
+def _with_factor(unit: str | None) -> tuple[str | None, float, bool]:
+    """Unit and factor of a text in brackets, and whether a factor stands there."""
+    if unit is None or units.is_unit(unit) or (scaled := _FACTOR.fullmatch(unit)) is None:
+        return unit, 1.0, False
+    whole, _, parts = scaled["factor"].partition("/")
+    return scaled["unit"].strip(), float(whole) / float(parts or 1.0), True
 
 
 def _column_of(columns: list[str], stem: str) -> str | None:
