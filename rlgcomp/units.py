@@ -130,8 +130,8 @@ _SPELLINGS: Final[dict[str, str]] = {
     "rev/min": "rpm",
     "arcsec/s": '"/s',
     "degC": (
-        "°C, ºC, ℃, C, celsius, deg c, deg. c, ° c, grad c, gradc, degrees c, degrees celsius, celsius degrees, grad celsius, °celsius, "
-        "degrés c, °С, 摄氏度"
+        "°C, ºC, ℃, C, celsius, deg c, deg. c, ° c, grad c, gradc, degrees c, degrees celsius, celsius degrees, grad celsius, "
+        "°celsius, degrés c, °С, 摄氏度"
     ),
     "K": "kelvin, degk, deg k, °K, К",
     "degF": "°F, ºF, ℉, F, fahrenheit, deg f, deg. f, ° f, degrees f, degrees fahrenheit",

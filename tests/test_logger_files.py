@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
+from rlgcomp.recording import Finding
 from rlgcomp.recording.formats.pieces import read_pieces
 from tests.cases import by_code
 
@@ -38,7 +40,7 @@ def read(tmp_path: Path, content: str | bytes, name: str = "run.csv", **how: obj
     return rlg.read(path, **{"columns": OWN, **how})
 
 
-def expect(run: rlg.Recording, rows: slice | np.ndarray = slice(None)) -> dict[str, object]:
+def expect(run: rlg.Recording, rows: slice | np.ndarray = slice(None)) -> dict[str, Finding]:
     """The run holds those rows of the known numbers; its findings by code."""
     assert run.time_s - run.time_s[0] == pytest.approx(TIME[rows] - TIME[rows][0], abs=1e-4)
     assert run.rate_deg_h() == pytest.approx(GYRO[rows], abs=1e-4)
@@ -173,3 +175,78 @@ def test_a_map_may_say_of_which_thermometer_a_resistance_is(tmp_path: Path) -> N
     expect(read(tmp_path, content, columns=OWN | {"temperature_block_degC": "R1 [Ohm Pt100]"}))
     content = text(digits(TIME), digits(GYRO), digits(BLOCK), names=(NAMES[0], "dtheta [arcsec]", NAMES[2]))
     expect(read(tmp_path, content, columns=OWN | {"gyro_deg_h": "dtheta [1 arcsec/s]"}))  # a degree an hour at a sample a second
+
+
+# --- times ------------------------------------------------------------------------------------------------------------------
+
+BEGAN = datetime.datetime(2021, 12, 31, 23, 58, 20)  # a year ends after 100 s
+
+
+def stamps(layout: str) -> list[str]:
+    return [(BEGAN + datetime.timedelta(seconds=second)).strftime(layout) for second in TIME.tolist()]
+
+
+def with_times(times: list[list[str]], names: tuple[str, ...]) -> str:
+    return text(*times, digits(GYRO), digits(BLOCK), names=(*names, *NAMES[1:]))
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [
+        "%Y-%jT%H:%M:%S",
+        "%Y/%j/%H:%M:%S.000",
+        "%Y%m%d_%H%M%S",
+        "%Y-%m-%d-%H-%M-%S",
+        "%a %b %d %H:%M:%S %Y",
+        "%a, %d %b %Y %H:%M:%S +0000",
+        "%Y-%m-%d %H:%M:%S CET",
+        "%Y-%m-%dT%H:%M:%S+00:00[Europe/London]",
+        "%Y年%m月%d日 %H时%M分%S秒",
+    ],
+)
+def test_dates_of_further_layouts(tmp_path: Path, layout: str) -> None:
+    run = read(tmp_path, with_times([stamps(layout)], ("t",)), columns=OWN | {"time_s": "t"})
+    assert expect(run)["dates"].message.data["first"] == BEGAN.isoformat()
+
+
+@pytest.mark.parametrize(
+    ("layouts", "names"),
+    [
+        (["%Y", "%m", "%d", "%H", "%M", "%S.00"], ("Year", "Month", "Day", "Hour", "Minute", "Second")),
+        (["%y", "%m", "%d", "%H", "%M", "%S"], ("YY", "MM", "DD", "hh", "mm", "ss")),
+        (["%Y", "%j", "%H", "%M", "%S"], ("Year", "DOY", "h", "min", "s")),
+        (["%Y", "%m", "%d", "%H:%M:%S"], ("Jahr", "Monat", "Tag", "Zeit")),
+    ],
+)
+def test_a_calendar_in_columns(tmp_path: Path, layouts: list[str], names: tuple[str, ...]) -> None:
+    content = with_times([stamps(layout) for layout in layouts], names)
+    run = read(tmp_path, content, columns=OWN | {"time_s": " + ".join(names)})
+    assert expect(run)["dates"].message.data["first"] == BEGAN.isoformat()
+    assert not {"unit_not_stated", "unit_of_name"} & by_code(run.findings).keys()
+
+
+def test_a_calendar_in_another_order_is_refused(tmp_path: Path) -> None:
+    content = with_times([stamps(layout) for layout in ("%Y", "%d", "%m")], ("Year", "Day", "Month"))
+    with pytest.raises(rlg.InputError, match="no year, month and day in this order"):
+        read(tmp_path, content, columns=OWN | {"time_s": "Year + Day + Month"})
+    content = with_times([stamps(layout) for layout in ("%Y", "%m", "%d", "%H%M")], ("Year", "Month", "Day", "HHMM"))
+    with pytest.raises(rlg.InputError, match="HHMM goes up to 2359; behind year, month and day stand hours"):
+        read(tmp_path, content, columns=OWN | {"time_s": "Year + Month + Day + HHMM"})
+
+
+def test_layouts_that_the_header_says_are_no_units(tmp_path: Path) -> None:
+    names = ("Date [dd.mm.yyyy]", "Time [hh:mm:ss.fff]")
+    content = with_times([stamps("%d.%m.%Y"), stamps("%H:%M:%S.000")], names)
+    expect(read(tmp_path, content, columns=OWN | {"time_s": " + ".join(names)}))
+
+
+@pytest.mark.parametrize("written", ["digits that end after midnight", "many hours", "days before a point"])
+def test_clock_times_of_further_layouts(tmp_path: Path, written: str) -> None:
+    seconds = [round(second) for second in (TIME + 100 * 86400 + 86300).tolist()]
+    if written == "days before a point":
+        times = [f"{one // 86400}.{one // 3600 % 24:02d}:{one // 60 % 60:02d}:{one % 60:02d}.0000000" for one in seconds]
+    elif written == "many hours":
+        times = [f"{one // 3600}:{one // 60 % 60:02d}:{one % 60:02d}" for one in seconds]
+    else:
+        times = stamps("%H%M%S.00")
+    expect(read(tmp_path, with_times([times], ("t",)), columns=OWN | {"time_s": "t"}))

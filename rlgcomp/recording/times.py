@@ -18,6 +18,7 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
+from rlgcomp.report.messages.column_names import is_day_of_year, is_year
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -42,7 +43,9 @@ _MONTHS: Final = {
     ))
     for name in names.split()
 }  # fmt: skip
-_ZONE: Final = r"(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
+_ZONE: Final = (  # of names the offset is not known: dates are then local
+    r"(?P<zone>Z|UTC|[+-]\d{2}:?\d{2}|GMT|CES?T|MES?Z|EES?T|MSK|BST|[CEMP][SD]T|[JIK]ST|AE[SD]T)?(?:\[[\w/+-]+\])?"
+)
 _CLOCK: Final = rf"(?P<H>\d{{1,2}}):(?P<M>\d{{2}})(?::(?P<S>\d{{2}}(?:[.,:]\d+)?))?\s*(?P<half>[AaPp])?(?:\.?[Mm]\.?)?\s*{_ZONE}"
 _DATES: Final = (
     r"(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})",
@@ -50,9 +53,23 @@ _DATES: Final = (
     r"(?P<mon>[^\W\d]{3,9})\.? (?P<d>\d{1,2}),? (?P<y>\d{4})",
     r"(?P<a>\d{1,2})(?P<sign>[-/.])(?P<b>\d{1,2})[-/.](?P<y>\d{4}|\d{2})",
     r"(?P<y>\d{4})(?P<m>\d{2})(?P<d>\d{2})",
+    r"(?P<y>\d{4})[-/.:](?P<doy>\d{3})",
 )
-_TEXTS: Final = tuple(re.compile(rf"\s*{date}(?:(?:[T ,_]|\s)+{_CLOCK})?\s*") for date in _DATES)
-_CLOCK_ALONE: Final = re.compile(rf"\s*(?:(?P<days>\d+) days?,? )?{_CLOCK}\s*")
+_SECOND: Final = r"(?P<S>\d{2}(?:[.,]\d+)?)"
+_WITH_CLOCK: Final = (
+    rf"(?P<y>\d{{4}})(?P<m>\d{{2}})(?P<d>\d{{2}})[T _-](?P<H>\d{{2}})(?P<M>\d{{2}}){_SECOND}{_ZONE}",
+    rf"(?P<y>\d{{4}})-(?P<m>\d{{2}})-(?P<d>\d{{2}})[T _-](?P<H>\d{{2}})[-.](?P<M>\d{{2}})[-.]{_SECOND}{_ZONE}",
+    rf"(?P<y>\d{{4}})年(?P<m>\d{{1,2}})月(?P<d>\d{{1,2}})日\s*(?P<H>\d{{1,2}})[时時点點:](?P<M>\d{{1,2}})[分:]{_SECOND}秒?",
+    rf"(?P<mon>[^\W\d]{{3}}) +(?P<d>\d{{1,2}}) (?P<H>\d{{2}}):(?P<M>\d{{2}}):{_SECOND} (?P<y>\d{{4}})",  # of C and Unix
+)
+_WEEKDAY: Final = r"(?:[^\W\d]{2,10}\.?,?\s+)?"
+_TEXTS: Final = tuple(
+    re.compile(rf"\s*{_WEEKDAY}{text}\s*")
+    for text in (*(rf"{date}(?:(?:[T ,_/:-]|\s)+{_CLOCK})?" for date in _DATES), *_WITH_CLOCK)
+)
+_CLOCK_ALONE: Final = re.compile(
+    rf"\s*(?:(?P<days>\d+)(?: days?,? |\.))?{_CLOCK.replace('{1,2}', '{1,4}', 1)}\s*"  # hours since a beginning may be many
+)
 _MINUTES: Final = re.compile(r"\s*(?P<M>\d{1,2}):(?P<S>\d{2}[.,]\d+)\s*")  # as spreadsheets show times: the hour is lost
 _COMPACT: Final = re.compile(r"(?:19|20)\d{12}(?:\.\d+)?")
 
@@ -126,13 +143,16 @@ def of_parts(parts: Sequence[tuple[str, pd.Series, str | None]], *, name: str) -
     InputError
         A part is no time, or two parts are dates.
     """
+    if is_year(parts[0][0]):
+        return _of_calendar(parts, name=name)
     dates: pd.Series | None = None
     nanoseconds = pd.Series(0, index=parts[0][1].index, dtype="Int64")
     weeks = 0
     in_seconds: str | None = None
     for column, values, stated in parts:
         by_name = "week" if "week" in column.lower() and pd.api.types.is_numeric_dtype(values) else None
-        unit = stated or by_name
+        written_so = stated is not None and not units.is_unit(stated) and not is_layout(stated)  # as in `Time [hh:mm:ss]`
+        unit = by_name if written_so and not pd.api.types.is_numeric_dtype(values) else stated or by_name
         part = _dates_of_part(column, values, unit)
         if part is not None and dates is not None:
             raise InputError(f"{name}: {column} and another part of the time both hold dates; map one of them")
@@ -159,6 +179,45 @@ def of_parts(parts: Sequence[tuple[str, pd.Series, str | None]], *, name: str) -
     if dates is None:
         return pd.Series(nanoseconds.to_numpy(dtype=np.float64, na_value=np.nan) / _NS_PER_S, index=nanoseconds.index)
     return dates.astype("datetime64[ns]") + pd.to_timedelta(nanoseconds, unit="ns")
+
+
+def _of_calendar(parts: Sequence[tuple[str, pd.Series, str | None]], *, name: str) -> pd.Series:
+    """Dates of year, month and day, or of year and day of the year, and behind them hours, minutes and seconds or a clock time.
+
+    Raises
+    ------
+    InputError
+        The numbers are none of these in this order.
+    """
+    names = " + ".join(column for column, _, _ in parts)
+    year, *rest = (pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan) for _, values, _ in parts)
+    by_day = len(parts) > 1 and is_day_of_year(parts[1][0])
+    if len(parts) < (2 if by_day else 3):
+        raise InputError(f"{name}: {names} is no date; map the year, the month and the day, or the year and the day of the year")
+    index = parts[0][1].index
+    year = np.where(year < 70.0, year + 2000.0, np.where(year < 100.0, year + 1900.0, year))
+    month, day = (np.ones(len(year)), rest[0]) if by_day else (rest[0], rest[1])
+    first = pd.DataFrame({"year": year, "month": month, "day": np.ones(len(year)) if by_day else day}, index=index)
+    dates = pd.to_datetime(first, errors="coerce").astype("datetime64[ns]")
+    if by_day:
+        dates = (dates + pd.to_timedelta(day - 1.0, unit="D")).where((day >= 1.0) & (day < 367.0))
+    nanoseconds = pd.Series(0, index=index, dtype="Int64")
+    for (column, values, stated), unit, below in zip(
+        parts[2 if by_day else 3 :], ("h", "min", "s", None, None), (24.0, 60.0, 62.0, np.inf, np.inf), strict=False
+    ):
+        clock_s = clock_of(values)
+        numbers = clock_s if clock_s is not None else pd.to_numeric(values, errors="coerce")
+        largest = float(numbers.max())
+        if clock_s is None and stated is None and (unit is None or not largest < below):
+            raise InputError(
+                f"{name}: {column} goes up to {largest:g}; behind year, month and day stand hours, minutes and seconds "
+                f"in this order, or a unit, as in '{column} [ms]'"
+            )
+        factor = float(units.convert(1.0, "s" if clock_s is not None else stated or unit or "s", "s"))
+        nanoseconds = nanoseconds + _whole_nanoseconds(numbers, factor)
+    if not _nearly_all(dates, parts[0][1]):
+        raise InputError(f"{name}: {names} are no year, month and day in this order, or no year and day of the year")
+    return dates + pd.to_timedelta(nanoseconds, unit="ns")
 
 
 def _require_fraction(column: str, numbers: pd.Series, nanoseconds: pd.Series, *, first: str, name: str) -> None:
@@ -297,9 +356,9 @@ def compact_clock(values: pd.Series) -> pd.Series | None:
     Seconds that count on pass 60 to 99 of every hundred; these numbers never do, and step over them at each minute.
     """
     numbers = values.to_numpy(dtype=np.float64, na_value=np.nan)
-    if not len(numbers) or numbers[-1] < 1e4 or numbers[-1] >= 24e4:
-        return None
     known = numbers[np.isfinite(numbers)]
+    if not len(known) or not 1e4 <= known.max() < 24e4:
+        return None
     minutes, seconds = known // 100.0, known % 100.0
     if (seconds >= 60.0).any() or (minutes % 100.0 >= 60.0).any() or (minutes >= 2400.0).any():
         return None
@@ -316,12 +375,17 @@ def _assembled(parts: pd.DataFrame, text: pd.Series, order: str | None) -> pd.Se
         if order is None:
             raise AmbiguousDatesError(str(text.dropna().iloc[0]))
         day, month = (a, b) if order == DAY_FIRST else (b, a)
+    elif "doy" in parts:
+        day, month = pd.to_numeric(parts["doy"], errors="coerce"), pd.Series(1.0, parts.index)
     else:
         day = pd.to_numeric(parts["d"], errors="coerce")
         month = parts["mon"].str.lower().map(_month) if "mon" in parts else pd.to_numeric(parts["m"], errors="coerce")
     year = pd.to_numeric(parts["y"], errors="coerce")
     year = year.where(year > 99, year + np.where(year < 70, 2000, 1900))
-    days = pd.to_datetime(pd.DataFrame({"year": year, "month": month, "day": day}), errors="coerce")
+    first = day.where(day.isna(), 1.0) if "doy" in parts else day
+    days = pd.to_datetime(pd.DataFrame({"year": year, "month": month, "day": first}), errors="coerce")
+    if "doy" in parts:
+        days = (days + pd.to_timedelta(day - 1.0, unit="D")).where((day >= 1.0) & (day < 367.0))
     clock_s = _clock_s(parts).where(parts["H"].notna(), 0.0).where(days.notna())
     return days.astype("datetime64[ns]") + pd.to_timedelta(_whole_nanoseconds(clock_s, 1.0), unit="ns")
 

@@ -36,7 +36,7 @@ _COMMA: Final = re.compile(rf"{_SIGN}\d*,\d+([eE]{_SIGN}\d+)?")
 _FRACTION: Final = re.compile(rf"{_SIGN}\d*\.\d+([eE]{_SIGN}\d+)?")
 _WITH_UNIT: Final = re.compile(rf"{_SIGN}\d+([.,]\d+)?\s*(?P<unit>[^\d\s].*)")
 _GROUPED: Final = re.compile(_SIGN + r"\d{1,3}(?:(?P<group>[.,'’\s])\d{3})(?:(?P=group)\d{3})*(?:(?P<decimal>[.,])\d*)?")
-_CLOCK: Final = r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?"
+_CLOCK: Final = r"(\d+(\.| days?,? ))?\d{1,4}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?"
 _DATE: Final = (
     r"(\d{1,4}[-/.](\d{1,2}|[^\W\d]{3,9}\.?)[-/.]\d{1,4}|\d{1,2}\.? ?[^\W\d]{3,9}\.?,? \d{4}|[^\W\d]{3,9}\.? \d{1,2},? \d{4})"
 )

@@ -23,6 +23,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, times
 from rlgcomp.recording.repair.context import Step
 from rlgcomp.report.messages import message
+from rlgcomp.report.messages.column_names import is_year
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _OFFSET: Final = re.compile(rf"(?P<source>.*[\])])\s*(?P<sign>[+-])\s*(?P<offset>{_NUMBER})\s*")
@@ -96,7 +97,8 @@ def apply_mapping(
         sources = sources_of(table.columns, str(text), name, file_units, parts=target == TIME)
         wanted = units.column_unit(target)
         sources = [_before_its_remark(one, wanted, target, findings) for one in sources]
-        known = [(one if one.unit else _by_its_name(one, table, wanted, target, findings)) for one in sources]
+        calendar = len(sources) > 1 and is_year(sources[0].column)  # whose parts have the units of their places
+        known = [one if one.unit or calendar else _by_its_name(one, table, wanted, target, findings) for one in sources]
         if len(sources) > 1:
             stated_units.add(target)
             converted[target] = times.of_parts([(one.column, table[one.column], one.unit) for one in known], name=name)
@@ -191,9 +193,7 @@ def _require_no_resistance(column: str, values: pd.Series, wanted: str, target: 
     found = _PLATINUM.search(column)
     if found is None or not units.same_kind(wanted, "degC"):
         return
-    ratio = float(np.nanmedian(pd.to_numeric(values, errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan))) / float(
-        found[1]
-    )
+    ratio = float(pd.to_numeric(values, errors="coerce").median()) / float(found[1])
     if _PLATINUM_RATIOS[0] <= ratio <= _PLATINUM_RATIOS[1]:
         raise InputError(
             f"{target}: the numbers of {column!r} may be the resistance of the thermometer or its temperature; state which: "

@@ -19,11 +19,60 @@ _TIME: Final = re.compile(
     re.IGNORECASE,
 )
 _DATE: Final = re.compile(r"(mess)?(date|datum|fecha|data|dato|tarih|pvm|дата|日期|日付|날짜)", re.IGNORECASE)
+_YEAR: Final = re.compile(r"y|yy(yy)?|yr|year|jahr|année|annee|año|anno|ano|год|年", re.IGNORECASE)
+_DAY_OF_YEAR: Final = re.compile(r"doy|j(ulian)?.?day|day.?of.?(the.?)?year|yday|tag.?(des|im).?jahres?", re.IGNORECASE)
+_CALENDAR: Final = tuple(
+    re.compile(names, re.IGNORECASE)
+    for names in (
+        r"mo|mm|mon(th)?|monat|mois|mes|mese|месяц|月",
+        r"d|dd|day|tag|jour|día|dia|giorno|день|日",
+        r"h|hh|hr|hours?|stunden?|std|heures?|horas?|ore?|час|时|時",
+        r"m|mm|mi|mins?|minutes?|minuten?|minutos?|minuti?|мин|分",
+        r"s|ss|secs?|seconds?|sekunden?|sek|secondes?|segundos?|secondi?|сек|秒",
+    )
+)
+_WEEK: Final = re.compile(r"(gps|gnss)?[\W_]*(week|wn|woche)([\W_]*(no|num|number|nr))?", re.IGNORECASE)
+_OF_WEEK: Final = re.compile(r"\bi?tow\b|\bsow\b|sec\w*.of.week|time.of.week|wochensek|(?<![a-z])i?tow(?![a-z])", re.IGNORECASE)
 _GYRO: Final = re.compile(
     r"gyr|kreisel|giro|żyro|гиро|陀螺|ジャイロ|drehrate|winkelgeschw|angular.?rate|omega|\brlg\b|rotation.?rate|vitesse ang",
     re.IGNORECASE,
 )
 _PULSES: Final = re.compile(r"puls|count|impuls|zähl|zahl|tick|импульс|脉冲|パルス", re.IGNORECASE)
+
+
+def is_year(name: str) -> bool:
+    """Whether a name is that of a column of years."""
+    return _YEAR.fullmatch(name.strip()) is not None
+
+
+def is_day_of_year(name: str) -> bool:
+    """Whether a name is that of a column of days counted from the beginning of a year."""
+    return _DAY_OF_YEAR.fullmatch(name.strip()) is not None
+
+
+def _of_parts(columns: Sequence[str]) -> str:
+    """The sum of columns of a calendar, a clock or a GPS week; empty where there are none."""
+    years = [place for place, column in enumerate(columns) if is_year(column)]
+    for place in years:
+        parts, after = [columns[place]], list(columns[place + 1 :])
+        if after and is_day_of_year(after[0]):
+            parts, kinds = [*parts, after.pop(0)], _CALENDAR[2:]
+        else:
+            kinds = _CALENDAR
+        for kind, column in zip(kinds, after, strict=False):
+            if not kind.fullmatch(column.strip()):
+                break
+            parts.append(column)
+        if len(parts) > 2 or (len(parts) > 1 and kinds is not _CALENDAR):
+            return " + ".join(parts)
+    for place, column in enumerate(columns[:-1]):
+        if not years and _CALENDAR[2].fullmatch(column.strip()) and _CALENDAR[3].fullmatch(columns[place + 1].strip()):
+            seconds = [one for one in columns[place + 2 : place + 3] if _CALENDAR[4].fullmatch(one.strip())]
+            stated = zip((column, columns[place + 1], *seconds), ("h", "min", "s"), strict=False)
+            return " + ".join(f"{one} [{unit}]" for one, unit in stated)
+    weeks = [column for column in columns if _WEEK.fullmatch(header_unit(column)[0].strip())]
+    seconds = [column for column in columns if _OF_WEEK.search(column)]
+    return f"{weeks[0]} + {_with_unit(seconds[0], 's')}" if weeks and seconds else ""
 
 
 def suggested_time(columns: Sequence[str], dated: Sequence[str] = ()) -> str:
@@ -35,7 +84,11 @@ def suggested_time(columns: Sequence[str], dated: Sequence[str] = ()) -> str:
     ("--map time_s='Datum + Uhrzeit'", "--map time_s='Zeit [ms]'", '')
     >>> suggested_time(["x", "micros"]), suggested_time(["x", "TimeMS"])
     ("--map time_s='micros [us]'", "--map time_s='TimeMS [ms]'")
+    >>> suggested_time(["Year", "Month", "Day", "Hour", "Min", "Sec", "wz"]), suggested_time(["GPS Week", "TOW (s)", "wz"])
+    ("--map time_s='Year + Month + Day + Hour + Min + Sec'", "--map time_s='GPS Week + TOW (s)'")
     """
+    if parts := _of_parts(columns):
+        return _option("time_s", parts)
     times = [column for column in columns if not (quantity := _quantity(column)) or _TIME.fullmatch(quantity)]
     dates = [column for column in columns if _DATE.fullmatch(header_unit(column)[0].strip())]
     if len(dated) == 1 and not (dates and times):
