@@ -134,6 +134,7 @@ def test_every_mechanism_file_is_in_the_catalogue() -> None:
 def test_every_format_file_is_in_the_list() -> None:
     assert _names_in("recording/formats") - {
         "arrow",
+        "bytes_of_text",
         "channels",
         "contents",
         "dialect",

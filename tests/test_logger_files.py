@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -250,3 +251,125 @@ def test_clock_times_of_further_layouts(tmp_path: Path, written: str) -> None:
     else:
         times = stamps("%H%M%S.00")
     expect(read(tmp_path, with_times([times], ("t",)), columns=OWN | {"time_s": "t"}))
+
+
+# --- headers, footers and the order of rows ---------------------------------------------------------------------------------
+
+
+def test_notes_in_columns_above_the_names(tmp_path: Path) -> None:
+    """As of a scanning multimeter: notes with as many entries as the rows, and names that begin with digits."""
+    notes = "Instrument:,34970A,Address:,GPIB0::9::INSTR\nChannels:,2\nChannel,Name,Function,Range,Label\n101,<w>,DC,10,V\n"
+    names = ("Scan", "Time", "101 <w> (V)", "102 <T> (C)")
+    content = notes + text(
+        [f"{k}" for k in range(ROWS)], stamps("%m/%d/%Y %H:%M:%S"), digits(GYRO), digits(BLOCK), names=names, separator=","
+    )
+    columns = {"time_s": "Time", "gyro_deg_h": "101 <w> (V) [1 deg/h]", "temperature_block_degC": "102 <T> (C)"}
+    expect(read(tmp_path, content.encode("utf-16"), columns=columns))
+
+
+def test_a_word_below_a_name_is_no_unit_by_chance(tmp_path: Path) -> None:
+    """`Tag` is a day in German, `Min` a minute: only a row of units states units."""
+    header = "Ch;;CH1;CH2\nTag;;w;block\nUnit;;deg/h;°C\nDate;Time;;\n"
+    content = header + text(stamps("%Y/%m/%d"), stamps("%H:%M:%S"), digits(GYRO), digits(BLOCK), names=("",) * 4).split("\n", 1)[1]
+    found = expect(read(tmp_path, content, columns={"time_s": "1 + 2", "gyro_deg_h": "CH1", "temperature_block_degC": "CH2"}))
+    assert found["units_row"].message.data["units"] == {"CH1": "deg/h", "CH2": "°C"}
+
+
+@pytest.mark.parametrize("layout", ["%S", "%Y-%m-%d %H:%M:%S"])
+def test_statistics_below_the_rows_are_left_out(tmp_path: Path, layout: str) -> None:
+    times = digits(TIME) if layout == "%S" else stamps(layout)
+    footer = "".join(f"{word};9.0;23.0\n" for word in ("Min", "Max", "Mean", "Std. dev.", "END"))
+    found = expect(
+        read(tmp_path, with_times([times], ("t",)) + footer, columns=OWN | {"time_s": "t" if layout != "%S" else "t [s]"})
+    )
+    assert found["words_at_the_end"].message.data["rows"] == 5
+
+
+def test_rows_that_run_from_the_last_to_the_first(tmp_path: Path) -> None:
+    lines = with_times([stamps("%Y-%m-%d %H:%M:%S")], ("t",)).splitlines()
+    run = read(tmp_path, "\n".join([lines[0], *lines[:0:-1]]) + "\n", columns=OWN | {"time_s": "t"})
+    found = expect(run)
+    assert run.time_s[0] == 0.0
+    assert found["dates"].message.data["first"] == BEGAN.isoformat()
+    assert "newest_first" in found
+
+
+def test_rows_that_are_written_twice(tmp_path: Path) -> None:
+    names, *lines = plain().splitlines()
+    found = expect(read(tmp_path, "\n".join([names, *(line for line in lines for _ in range(2))]) + "\n"))
+    assert found["repeated_rows"].message.data["rows"] == ROWS
+    coarse = [f"{k // 4}" for k in range(ROWS)]
+    with pytest.raises(rlg.InputError, match="too few digits"):
+        read(tmp_path, text(coarse, digits(GYRO), digits(BLOCK)))
+
+
+def test_a_gyro_of_words_is_refused_as_such(tmp_path: Path) -> None:
+    with pytest.raises(rlg.InputError, match="none of its 200 entries is a number, the first 'ok'"):
+        read(tmp_path, text(digits(TIME), ["ok"] * ROWS, digits(BLOCK)))
+
+
+def test_the_gyro_that_is_proposed_has_the_unit_of_the_row_of_units(tmp_path: Path) -> None:
+    content = "t;Rate;T\ns;deg/s;°C\n" + plain().split("\n", 1)[1]
+    with pytest.raises(rlg.InputError, match=r"--map gyro_deg_h=Rate$"):
+        read(tmp_path, content, columns={"time_s": "t"})
+
+
+# --- letters and containers -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("encoding", "names", "guessed"),
+    [
+        ("cp1251", ("Время [с]", "Скорость [град/ч]", "Температура [°C]"), True),
+        ("gb18030", ("时间(秒)", "角速度(度/小时)", "温度(℃)"), True),
+        ("shift_jis", ("時間[s]", "角速度[度/h]", "温度[℃]"), True),
+        ("cp1252", ("Zeit [s]", "Größe [°/h]", "Gehäuse [°C]"), False),
+        ("utf-16-le", ("Zeit [s]", "Größe [°/h]", "T [°C]"), False),
+        ("utf-16-be", ("t [s]", "w [deg/h]", "T [K]"), False),
+    ],
+)
+def test_letters_of_older_encodings(tmp_path: Path, encoding: str, names: tuple[str, ...], guessed: bool) -> None:
+    block = BLOCK + 273.15 if names[2] == "T [K]" else BLOCK
+    content = text(digits(TIME), digits(GYRO), digits(block), names=names).encode(encoding)
+    found = expect(read(tmp_path, content, columns=dict(zip(OWN, names, strict=True))))
+    assert ("alphabet" in found) == guessed
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "advice"),
+    [
+        ("run.csv", b"\x1f\x8b\x08\x00\xff", "compressed by gzip; add .gz"),
+        ("run.txt", b"PK\x03\x04\x14\x00\xff", r"a zip archive, or an Excel workbook.*\.xlsx"),
+        ("run.csv", b"%PDF-1.4\n\x00\xff", "it is a PDF"),
+        ("run.zip", b"PK\x03\x04", r"unpack it \(unzip\)"),
+        ("run.xls", b"\xd0\xcf\x11\xe0", r"save it as \.xlsx"),
+        ("run.jsonl", b"{}", r"read_json"),
+        ("run", b"t;w\n", r"give it the ending \.csv or \.txt"),
+    ],
+)
+def test_what_is_no_text_is_named(tmp_path: Path, name: str, first: bytes, advice: str) -> None:
+    with pytest.raises(rlg.InputError, match=advice):
+        read(tmp_path, first + bytes(50), name)
+
+
+@pytest.mark.parametrize("name", ["run.log", "run.prn", "run.TAB"])
+def test_further_endings_of_text(tmp_path: Path, name: str) -> None:
+    expect(read(tmp_path, plain(), name))
+
+
+def test_packed_numbers_of_netcdf(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        file["t"] = TIME
+        file["w"] = np.rint(1e5 * (GYRO - 9.0)).astype("i4")
+        file["w"].attrs.update({"scale_factor": 1e-5, "add_offset": 9.0})
+        block = np.rint(1000.0 * BLOCK).astype("i4")
+        block[50] = -9999
+        file["T"] = block
+        file["T"].attrs.update({"scale_factor": 1e-3, "_FillValue": np.int32(-9999), "units": "degC"})
+        file["extra"] = TIME**2
+        file["extra"].attrs["gain"] = 0.5
+    run = rlg.read(tmp_path / "run.h5", columns={"time_s": "t [s]", "gyro_deg_h": "w [deg/h]", "temperature_block_degC": "T"})
+    assert run.rate_deg_h() == pytest.approx(GYRO, abs=1e-6)
+    assert run.column("temperature_block_degC") == pytest.approx(np.where(TIME == 50.0, BLOCK[49], BLOCK), abs=1e-6)
+    assert run.column("extra") == pytest.approx(TIME**2)
+    assert {"packed", "scale_beside", "missing_values"} <= by_code(run.findings).keys()

@@ -125,6 +125,9 @@ def test_repeated_time_stamps_are_left_out() -> None:
     frame = pd.concat([table().iloc[:100], table().iloc[[99]], table().iloc[100:]])
     result, found = repaired(frame)
     pd.testing.assert_frame_equal(result, table())
+    assert found["repeated_rows"].message.data == {"rows": 1}  # in all columns
+    result, found = repaired(frame.assign(supply_voltage_V=np.arange(len(frame))))
+    pd.testing.assert_frame_equal(result[list(table().columns)], table())
     assert found["time_stamps_left_out"].message.data == {"repeated": 1, "backward": 0}
 
 
@@ -142,7 +145,7 @@ def test_a_glitch_of_the_clock_costs_one_row() -> None:
 
 
 def test_time_that_runs_backwards_is_refused() -> None:
-    assert "time_runs_backwards" in refused(table().iloc[::-1].reset_index(drop=True))
+    assert "newest_first" in repaired(table().iloc[::-1].reset_index(drop=True))[1]  # all of it: turned round
     restarted = pd.concat([table().iloc[:1000], table().iloc[:1000]], ignore_index=True)
     found = refused(restarted)["time_runs_backwards"]
     assert place(found) == ("refused", "time_s", 1000)
@@ -388,7 +391,8 @@ def test_text_in_a_number_column() -> None:
     frame = table().astype({"gyro_deg_h": object})
     frame.loc[7, "gyro_deg_h"] = "ERR"
     assert repaired(frame)[1]["not_numbers"].message.data == {"entries": 1, "first": "ERR"}
-    assert "too_many_words" in refused(table().assign(gyro_deg_h="n/a"))
+    assert "no_numbers" in refused(table().assign(gyro_deg_h="n/a"))
+    assert "too_many_words" in refused(frame.assign(gyro_deg_h=frame["gyro_deg_h"].where(frame.index % 3 > 0, "n/a")))
     frame.loc[7, "gyro_deg_h"] = "\0" * 4096
     assert repaired(frame)[1]["not_numbers"].message.data == {"entries": 1, "first": "\0\0\0…"}
     assert repaired(table().assign(operator="K"))[1]["text_column"].column == "operator"

@@ -15,7 +15,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import require_writable
-from rlgcomp.recording.formats.csv import NO_TEXT
+from rlgcomp.recording.formats.bytes_of_text import NO_TEXT
 from rlgcomp.recording.repair import ROUNDING
 
 STANDARD: Final = "-"  # standard input or output

@@ -268,7 +268,8 @@ def seconds_of(values: pd.Series) -> tuple[pd.Series, pd.Timestamp | None] | Non
         return values.dt.total_seconds(), None
     dates = dates_of(values)
     if dates is not None:
-        first = dates.dropna().iloc[0]
+        known = dates.dropna()
+        first = min(known.iloc[0], known.iloc[-1])  # rows may run from the last to the first
         return (dates - first).dt.total_seconds(), first
     clock_s = clock_of(values)
     return None if clock_s is None else (clock_s, None)

@@ -23,6 +23,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.files import from_yaml, read_text, require_replaceable, require_writable, sha256, whole_file, write_text
 from rlgcomp.recording import TIME, Finding, Metadata, Recording, is_gyro
 from rlgcomp.recording.formats import csv, excel, feather, hdf5, matlab, mdf, npz, parquet, rosbag, tdms, ulog
+from rlgcomp.recording.formats.bytes_of_text import what_to_do
 from rlgcomp.recording.formats.contents import Contents, require_different
 from rlgcomp.recording.formats.joining import joined, require_same
 from rlgcomp.recording.formats.mapping import apply_mapping, require_droppable, require_same_rows, source_names, steps_of
@@ -178,6 +179,7 @@ def recording_of(
             gyro_required=gyro_required,
             sources=source_names(columns, own),
             converters=steps_of(columns, own),
+            file_units=file_units,
         )
     except UnusableRecordingError as error:
         raise UnusableRecordingError(name, reading + error.findings) from None
@@ -371,7 +373,11 @@ def _format_of(path: Path, *, reading: bool = False) -> ModuleType:
         if path.name.lower().endswith(_suffixes(form, reading=reading)):
             return form
     known = ", ".join(suffix for form in FORMATS for suffix in _suffixes(form, reading=reading))
-    raise InputError(f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}")
+    raise InputError(
+        f"{path}: the ending {path.suffix!r} is no known format; {what_to_do(path.suffix)}; known endings are {known}"
+        if reading
+        else f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}"
+    )
 
 
 def _suffixes(form: ModuleType, *, reading: bool) -> tuple[str, ...]:

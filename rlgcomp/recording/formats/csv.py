@@ -4,7 +4,7 @@ A remark is a line that begins with #, or what stands behind all entries of a li
 `1.#QNAN` or `step #3`. A last line that ends within a number is left out.
 
 :mod:`rlgcomp.recording.formats.dialect` finds how a file is written; LabVIEW's measurement files state it. Text may be in UTF-8,
-UTF-16 or the older encodings of Windows.
+UTF-16 or the older encodings of Windows (:mod:`rlgcomp.recording.formats.bytes_of_text`).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding
 from rlgcomp.recording.formats import labview, numbers
+from rlgcomp.recording.formats.bytes_of_text import encoding_of
 from rlgcomp.recording.formats.contents import Contents
 from rlgcomp.recording.formats.dialect import (
     BLANKS,
@@ -45,14 +46,13 @@ from rlgcomp.report.messages import message
 from rlgcomp.units import column_unit
 
 SUFFIXES: Final = (".csv", ".csv.gz", ".txt", ".tsv")
-READ_ONLY: Final = (".lvm", ".dat", ".asc")
+READ_ONLY: Final = (".lvm", ".dat", ".asc", ".log", ".prn", ".tab", ".txt.gz", ".tsv.gz", ".dat.gz", ".asc.gz", ".log.gz")
 LARGE: Final = 1 << 23  # bytes from which a reader of numbers alone, which uses all cores, pays for its import
 _HEAD: Final = 1 << 16  # bytes that show how a file is written
 _MOST_LINES: Final = 400  # of them
 _FEWEST_LINES: Final = 8  # where they are long
 _LONGEST_HEAD: Final = 1 << 24  # bytes
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
-NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1f\x81\x8d\x8f\x90\x9d]")  # of these, text in Windows-1252 holds none
 _BLOCK: Final = 1 << 20  # characters read at a time
 _TAIL: Final = 1 << 14  # bytes that show whether the last line is cut
 _FEWEST_WHOLE: Final = 5  # lines among them, which it is compared with
@@ -545,14 +545,18 @@ def _dialect(path: Path) -> Dialect:
         require_gunzippable(path)
     with _opened(path, "rb") as stream:
         head = _first_lines(stream)
-    encoding = _encoding(head, path)
+    try:
+        encoding, guessed = encoding_of(head)
+    except InputError as error:
+        raise InputError(f"{path} is not readable as CSV: {error}") from None
     every = re.split(r"\r\n|\n|\r", head.decode(encoding, errors="ignore"))
     whole = every[:-1] if len(every) > 1 else every  # the last may be cut
     try:
         found = dialect_of_text([line.lstrip("\ufeff") for line in whole[:_MOST_LINES]])
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    return dataclasses.replace(found, encoding=encoding)
+    said = (Finding("noted", message("recording.alphabet", encoding=encoding, names=list(found.names))),) if guessed else ()
+    return dataclasses.replace(found, encoding=encoding, findings=(*found.findings, *said))
 
 
 def _opened(path: Path, mode: str, **how: Any) -> Any:
@@ -576,18 +580,3 @@ def _parser_message(error: Exception) -> str:
         f"line {ragged[2]} has {ragged[3]} entries where the lines before it have {ragged[1]}; give every line as many as the line "
         "that names the columns, and begin lines that are no data with #"
     )
-
-
-def _encoding(head: bytes, path: Path) -> str:
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "utf-16"
-    try:
-        head[: head.rfind(b"\n") + 1 or None].decode("utf-8")  # a character may be cut at the end of what was read
-    except UnicodeError as error:
-        if NO_TEXT.search(head):
-            raise InputError(
-                f"{path} is not readable as CSV: it is no text ({str(error).splitlines()[0]}); write it as text in UTF-8, or give "
-                "its own ending"
-            ) from None
-        return "cp1252"
-    return "utf-8"

@@ -267,9 +267,15 @@ def _names_at(rows: Sequence[Sequence[str]], width: int) -> int | None:
         fits = len(row) == width or len(row) == width - padded or (len(row) == width + 1 and not row[-1])
         if _has_value(row):
             open_block = False
-            if named is not None:
+            if named is not None and len(row) == width:
                 below[named] += 1
-        elif fits and not open_block and len({entry for entry in row if entry}) > 1 and (named is None or _are_names(row)):
+        elif not fits:
+            open_block = False
+        elif (
+            not open_block
+            and len({entry for entry in row if entry}) > 1
+            and (named is None or _are_names(row) or not (below[named] or _unit_count(row)))
+        ):
             named, open_block = tuple(rows[_without_repetition(rows, place)]), True
             below[named] += 0
     if below:
@@ -368,8 +374,9 @@ def _unit_count(row: Sequence[str]) -> int:
 
 
 def _units_of(width: int, below: Iterable[Sequence[str]]) -> tuple[str | None, ...]:
-    """Unit of each column, the first that a row below the names states."""
-    stated = [[_unit_of(entry) for entry in row[:width]] for row in below]
+    """Unit of each column: the rows of units are those with a unit in every second filled cell; words may be units by chance."""
+    rows = [row[:width] for row in below if 2 * _unit_count(row) >= sum(map(bool, row))]
+    stated = [[_unit_of(entry) for entry in row] for row in rows]
     return tuple(next((row[k] for row in stated if k < len(row) and row[k] is not None), None) for k in range(width))
 
 

@@ -15,14 +15,19 @@ import pandas as pd
 
 from rlgcomp.errors import InputError
 from rlgcomp.files import from_json, to_json
+from rlgcomp.recording import Finding
 from rlgcomp.recording.formats.channels import Channel, columns_of, contents_of, with_units
 from rlgcomp.recording.formats.contents import Contents, stated_unit
 from rlgcomp.recording.formats.limits import require_expandable
+from rlgcomp.report.messages import message
 
 CONTAINER: Final = True
 SUFFIXES: Final = (".h5", ".hdf5")
 _ATTRIBUTE: Final = "rlgcomp.recording"
 _LONGEST_TEXT: Final = 1 << 12  # characters
+# Attributes of packed numbers after the conventions of netCDF and CF, and what counts where there is none.
+_PACKING: Final = {"scale_factor": 1.0, "add_offset": 0.0, "_FillValue": float("nan")}
+_SCALES: Final = ("scale", "scaling", "factor", "gain", "slope", "lsb", "resolution", "calibration")  # whose meaning is not agreed
 _COLUMNS: Final = "columns"  # their order, which HDF5 does not keep
 
 
@@ -47,6 +52,8 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
     metadata: dict[str, Any] = {}
     declared: list[int] = []
     texts: dict[str, str] = {}
+    packed: dict[str, list[float]] = {}
+    scaled: dict[str, str] = {}
 
     def visit(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset) or name.startswith("#"):
@@ -62,7 +69,13 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
         require_expandable(path, sum(declared))
         group, _, leaf = name.rpartition("/")
         found = columns_of(group, leaf, item[()]) if item.shape else []
-        unit = stated_unit({key: _plain(value) for key, value in item.attrs.items()})
+        attributes = {key: _plain(value) for key, value in item.attrs.items()}
+        unit = stated_unit(attributes)
+        if found and any(key in attributes for key in _PACKING):
+            packed[name] = [_number(attributes.get(key), usual) for key, usual in _PACKING.items()]
+            found = [one._replace(values=_unpacked(one.values, *packed[name])) for one in found]
+        elif found and any(key.lower() in _SCALES and _number(value, 1.0) not in (0.0, 1.0) for key, value in attributes.items()):
+            scaled[name] = next(f"{key} = {value}" for key, value in attributes.items() if key.lower() in _SCALES)
         channels.extend(one._replace(unit=unit) for one in found)
         if not found and item.size == 1 and item.dtype.kind in "fiu":
             metadata.setdefault(name, np.asarray(item[()]).item())
@@ -84,7 +97,26 @@ def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
     contents = contents_of(with_units(channels, texts), path, passed_over, wanted)
     table = contents.table
     table = table[sorted(table.columns, key=lambda column: order.index(column) if column in order else len(order))]
-    return contents._replace(table=table, metadata={**metadata, **stored})
+    about = [
+        Finding("noted", message("recording.packed", factor=factor, offset=offset), name)
+        for name, (factor, offset, _) in packed.items()
+        if (factor, offset) != (1.0, 0.0)
+    ]
+    about += [
+        Finding("noted", message("recording.scale_beside", stated=stated, source=name), name) for name, stated in scaled.items()
+    ]
+    return contents._replace(table=table, metadata={**metadata, **stored}, findings=contents.findings + tuple(about))
+
+
+def _number(value: Any, usual: float) -> float:
+    """An attribute that is one number, or else the usual value."""
+    return float(value) if isinstance(value, int | float) else usual
+
+
+def _unpacked(values: np.ndarray, factor: float, offset: float, missing: float) -> np.ndarray:
+    """Values that stand packed in a dataset, NaN where they are missing."""
+    numbers = values.astype(np.float64)
+    return factor * np.where(numbers == missing, np.nan, numbers) + offset
 
 
 def _text(item: Any) -> str | None:

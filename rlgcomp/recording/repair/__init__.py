@@ -94,6 +94,7 @@ def repair(
     gyro_required: bool = True,
     sources: Mapping[str, str] | None = None,
     converters: Mapping[str, Step] | None = None,
+    file_units: Mapping[str, str] | None = None,
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -115,6 +116,8 @@ def repair(
         The file's own names of mapped columns, for messages.
     converters : mapping of str to Step, optional
         Stated steps of the converters and counters that columns hold.
+    file_units : mapping of str to str, optional
+        Units that the file states beside its own names, for messages.
 
     Returns
     -------
@@ -133,6 +136,7 @@ def repair(
         gyro_required=gyro_required,
         sources=sources or {},
         converters=converters or {},
+        file_units=file_units or {},
     )
     for check in CHECKS:
         table = check(table, context)

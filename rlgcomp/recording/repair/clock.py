@@ -28,6 +28,7 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if not known.all():
         context.add("repaired", message("recording.rows_without_time", rows=int((~known).sum())), TIME, np.flatnonzero(~known)[0])
         table = table[known]
+    table = _in_order(table, context)
     table = _repeated_stamps_spread(table, context)
     time_s = table[TIME].to_numpy()
     steps = np.diff(time_s)
@@ -53,6 +54,20 @@ def time_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     dropped = np.flatnonzero(~keep)
     context.add("repaired", message("recording.time_stamps_left_out", repeated=repeated, backward=backward), TIME, dropped[0])
     return table[keep]
+
+
+def _in_order(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Rows that run from the last to the first turned round, and rows that are written twice left out."""
+    steps = np.diff(table[TIME].to_numpy())
+    if (steps <= 0.0).all() and (steps < 0.0).any() and len(table) > FEWEST_ROWS:
+        context.add("repaired", message("recording.newest_first"), TIME, 0)
+        table, steps = table[::-1].reset_index(drop=True), -steps[::-1]
+    again = np.flatnonzero(steps == 0.0) + 1
+    rows, before = table.iloc[again].reset_index(drop=True), table.iloc[again - 1].reset_index(drop=True)
+    if not len(again) or table.shape[1] < 2 or not rows.equals(before):
+        return table
+    context.add("repaired", message("recording.repeated_rows", rows=len(again)), TIME, again[0])
+    return table.drop(index=table.index[again]).reset_index(drop=True)
 
 
 def _repeated_stamps_spread(table: pd.DataFrame, context: Context) -> pd.DataFrame:

@@ -45,6 +45,8 @@ class Context:
         The file's own names of mapped columns, for messages.
     converters : mapping of str to Step
         Stated steps of the converters and counters that columns hold.
+    file_units : mapping of str to str
+        Units that the file states beside its own names, for messages.
     """
 
     metadata: Metadata
@@ -54,6 +56,7 @@ class Context:
     gyro_required: bool = True
     sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
     converters: Mapping[str, Step] = dataclasses.field(default_factory=dict)
+    file_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
     _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None

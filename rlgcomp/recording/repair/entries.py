@@ -30,6 +30,8 @@ LONGEST_HOLD_S: Final = 60.0  # a monitor's last value stands in for missing one
 FEW_WORDS: Final = 0.2  # of a monitor's entries that may be words such as OVERRANGE among its numbers
 FEW_WORDS_OF_GYRO: Final = 0.01  # of its rows, which are left out: where it was beyond its range, more of them bias its means
 _LONGEST_SHOWN: Final = 40  # letters of an entry in a message
+_FOOTER: Final = 50  # rows at the end that may begin with words
+_WORD: Final = re.compile(r"[^\d]*[^\W\d_]{2}[^\d]*", re.DOTALL)  # two letters, and no digit
 _SHOWING: Final = 50  # rows that show whether a column holds dates
 _BLANK: Final = 0.5  # share of blank rows between readings
 _IN_STEP: Final = 0.8  # of the readings come one usual interval after the last
@@ -47,7 +49,7 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         dated = [str(column) for column in table.columns if _holds_dates(table[column].head(_SHOWING))]
         context.add("refused", message("recording.no_time_column", columns=columns, dated=dated))
     if context.gyro_required and not any(is_gyro(str(column)) for column in table.columns):
-        context.add("refused", message("recording.no_gyro_column", columns=columns))
+        context.add("refused", message("recording.no_gyro_column", columns=columns, units=dict(context.file_units)))
     if len(table) < FEWEST_ROWS:
         context.add("refused", message("recording.too_few_rows", rows=len(table), least=FEWEST_ROWS))
     return table
@@ -67,6 +69,7 @@ def _holds_dates(values: pd.Series) -> bool:
 
 
 def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    table = _without_words_at_the_end(table, context)
     numeric = {}
     for column in table.columns:
         try:
@@ -88,6 +91,8 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             numeric[column] = numbers
         elif column == TIME:
             context.add("refused", message("recording.not_times", entries=len(bad), first=first), column, bad[0])
+        elif is_gyro(column) and len(bad) == len(values):
+            context.add("refused", message("recording.no_numbers", of=len(values), first=first), column, bad[0])
         elif is_gyro(column):
             about = message("recording.too_many_words", entries=len(bad), of=len(values), first=first, allowed=few)
             context.add("refused", about, column, bad[0])
@@ -104,6 +109,19 @@ def numbers(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         context.add("repaired", finding, result.columns[absurd[row]][0], row)
         result = result.mask(absurd)
     return result
+
+
+def _without_words_at_the_end(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """The rows above those at the end, such as of statistics, in which a word stands for the time."""
+    if pd.api.types.is_numeric_dtype(table[TIME]) or pd.api.types.is_datetime64_any_dtype(table[TIME]):
+        return table
+    last = table[TIME].tail(_FOOTER).map(lambda entry: isinstance(entry, str) and bool(_WORD.fullmatch(entry)))
+    rows = len(last) if last.all() else len(last) - 1 - int(np.flatnonzero(~last.to_numpy())[-1])
+    if not 0 < rows < len(last):
+        return table
+    row = len(table) - rows
+    context.add("repaired", message("recording.words_at_the_end", rows=rows, first=_shown(table[TIME].iloc[row])), TIME, row)
+    return table.iloc[:row]
 
 
 def _as_numbers(values: pd.Series) -> np.ndarray:
@@ -134,7 +152,8 @@ def _seconds(values: pd.Series, context: Context) -> pd.Series:
         seconds = seconds.where(np.arange(len(seconds)) < row, seconds - SECONDS_PER_HOUR)
     known = values.notna() & seconds.notna()
     if first is not None:
-        context.add("repaired", message("recording.dates", first=first.isoformat(), written=str(values[known].iloc[0])), TIME)
+        written = values[known].iloc[0 if seconds[known].iloc[0] <= seconds[known].iloc[-1] else -1]
+        context.add("repaired", message("recording.dates", first=first.isoformat(), written=str(written)), TIME)
     else:
         context.add("repaired", message("recording.clock_times", written=str(values[known].iloc[0])), TIME)
     worded = (values.notna() & seconds.isna()).to_numpy()

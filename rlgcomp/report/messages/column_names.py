@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from rlgcomp.units import header_unit, is_unit, same_kind, unit_in_name
@@ -34,9 +34,11 @@ _CALENDAR: Final = tuple(
 _WEEK: Final = re.compile(r"(gps|gnss)?[\W_]*(week|wn|woche)([\W_]*(no|num|number|nr))?", re.IGNORECASE)
 _OF_WEEK: Final = re.compile(r"\bi?tow\b|\bsow\b|sec\w*.of.week|time.of.week|wochensek|(?<![a-z])i?tow(?![a-z])", re.IGNORECASE)
 _GYRO: Final = re.compile(
-    r"gyr|kreisel|giro|żyro|гиро|陀螺|ジャイロ|drehrate|winkelgeschw|angular.?rate|omega|\brlg\b|rotation.?rate|vitesse ang",
+    r"gyr|kreisel|giro|żyro|гиро|陀螺|ジャイロ|drehrate|winkelgeschw|angular.?(rate|vel)|omega|\brlg\b|rotation.?rate|vitesse ang|"
+    r"velocidad ang|velocit. ang|угловая|角速度",
     re.IGNORECASE,
 )
+_COUNTER: Final = re.compile(r"count|zähler|sample|tick", re.IGNORECASE)  # of samples rather than of pulses
 _PULSES: Final = re.compile(r"puls|count|impuls|zähl|zahl|tick|импульс|脉冲|パルス", re.IGNORECASE)
 
 
@@ -98,20 +100,27 @@ def suggested_time(columns: Sequence[str], dated: Sequence[str] = ()) -> str:
     return _option("time_s", _with_unit((times or dates)[0], "s")) if times or dates else ""
 
 
-def suggested_gyro(columns: Sequence[str]) -> str:
+def suggested_gyro(columns: Sequence[str], stated: Mapping[str, str] | None = None) -> str:
     """The option that maps a gyro; empty where no name or unit looks like one.
 
-    The unit that a name states is written behind it; UNIT stands where it states none.
+    The unit that a name states is written behind it; UNIT stands where neither it nor the file, in `stated`, states one.
 
     >>> suggested_gyro(["Zeit", "Kreisel [°/h]"]), suggested_gyro(["Zeit", "Impulse"]), suggested_gyro(["a", "b [V]"])
     ("--map gyro_deg_h='Kreisel [°/h]'", '--map gyro_pulses=Impulse --pulse-arcsec SIZE', '')
     >>> suggested_gyro(["t", "gyro_z_dps"]), suggested_gyro(["t", "X_GYRO_OUT"])
     ("--map gyro_deg_h='gyro_z_dps [deg/s]'", "--map gyro_deg_h='X_GYRO_OUT [UNIT]'")
+    >>> suggested_gyro(["Time", "Rate"], {"Time": "s", "Rate": "deg/s"})
+    '--map gyro_deg_h=Rate'
     """
-    rates = [column for column in columns if _unit_of(column, "deg/h")]
+    known = {column for column, unit in (stated or {}).items() if is_unit(unit) and same_kind(unit, "deg/h")}
+    rates = [column for column in columns if column in known or _unit_of(column, "deg/h")]
     named = [column for column in columns if _GYRO.search(column)]
-    counted = [column for column in columns if _PULSES.search(column)]
+    counted = sorted(
+        (column for column in columns if _PULSES.search(column)), key=lambda column: _COUNTER.match(column) is not None
+    )
     chosen = next((column for column in named if column in rates), (rates or named or counted or [""])[0])
+    if chosen in known:
+        return _option("gyro_deg_h", chosen)
     if chosen in counted:
         return f"{_option('gyro_pulses', chosen)} --pulse-arcsec SIZE"
     return _option("gyro_deg_h", _with_unit(chosen, "deg/h", "UNIT")) if chosen else ""

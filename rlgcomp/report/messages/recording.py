@@ -26,14 +26,21 @@ def no_time_column(*, columns: Sequence[str], dated: Sequence[str]) -> str:
     return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
 
 
-def no_gyro_column(*, columns: Sequence[str]) -> str:
-    here = suggested_gyro(columns)
+def no_gyro_column(*, columns: Sequence[str], units: Mapping[str, str]) -> str:
+    here = suggested_gyro(columns, units)
     how = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
     return f"no gyro column; the columns are {_listed(columns)}; {how}"
 
 
 def names_in_remark(*, columns: Sequence[str]) -> str:
     return f"the columns are named in a remark above the numbers: {_listed(columns)}"
+
+
+def alphabet(*, encoding: str, names: Sequence[str]) -> str:
+    return (
+        f"the letters are no UTF-8 and are read as {encoding}: {_listed(names)}; if the names are others, write the file in UTF-8 "
+        "or map the columns by their places, as in --map gyro_deg_h='2 [deg/h]'"
+    )
 
 
 def no_names(*, columns: Sequence[str]) -> str:
@@ -192,8 +199,10 @@ TEXTS: Final = {
     "rows_without_time": "{rows} rows without a time left out",
     "time_too_coarse": (
         "{repeated} of {rows} time stamps repeat the one before: the time was written with too few digits; write more, or "
-        "leave it out and give the sample period with --period-s"
+        "leave it out and give the sample period with --period-s; where rows are of several kinds, write a file of each"
     ),
+    "repeated_rows": "{rows} rows repeat the row before in every column, left out",
+    "newest_first": "the rows run from the last to the first: turned round",
     "time_in_steps": (
         "the stamps come in steps of {step_s:.6g} s: the time was written with too few digits for samples every {period_s:.6g} s, "
         "which is their mean step; if samples are missing instead, give the time with more digits"
@@ -251,6 +260,13 @@ TEXTS: Final = {
         "where there was no reading"
     ),
     "text_column": "{entries} of {of} entries are no numbers, the first {first!r}: left out",
+    "no_numbers": "none of its {of} entries is a number, the first {first!r}: map a column of numbers, or write them as numbers",
+    "words_at_the_end": "{rows} rows at the end begin with words, the first {first!r}: left out",
+    "packed": "read as {factor:.9g} times its numbers plus {offset:.9g}, as its attributes scale_factor and add_offset say",
+    "scale_beside": (
+        "has the attribute {stated}, which is not applied; if its numbers are to be multiplied, state that in the map, as in "
+        "'{source} [0.1 UNIT]'"
+    ),
     "absurd_values": "{values} values are infinite or beyond {largest:.0e}: they count as missing",
     "empty_gyro": "every value is missing (NaN); leave the column out with --drop {column}, or mend the file",
     "empty_monitor": "every value is missing (NaN), left out",
