@@ -373,3 +373,13 @@ def test_packed_numbers_of_netcdf(tmp_path: Path) -> None:
     assert run.column("temperature_block_degC") == pytest.approx(np.where(TIME == 50.0, BLOCK[49], BLOCK), abs=1e-6)
     assert run.column("extra") == pytest.approx(TIME**2)
     assert {"packed", "scale_beside", "missing_values"} <= by_code(run.findings).keys()
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_a_counter_that_begins_again_between_two_files(tmp_path: Path, bits: int) -> None:
+    counts = [f"{(2**bits - 250 * 100 + 250 * k) % 2**bits}" for k in range(ROWS)]
+    for name, part in (("a.csv", slice(100)), ("b.csv", slice(100, None))):
+        columns = (counts[part], digits(GYRO[part]), digits(BLOCK[part]))
+        (tmp_path / name).write_text(text(*columns, names=("N", *NAMES[1:])))
+    run = rlg.read([tmp_path / "a.csv", tmp_path / "b.csv"], columns=OWN | {"time_s": "N [4 ms]"})
+    assert expect(run)["joined"].message.data["pause_s"] == pytest.approx(1.0)

@@ -12,7 +12,7 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, Metadata
 from rlgcomp.recording.formats.contents import Contents
-from rlgcomp.recording.formats.mapping import apply_mapping
+from rlgcomp.recording.formats.mapping import apply_mapping, steps_of
 from rlgcomp.recording.repair.running_time import range_s_between
 from rlgcomp.recording.times import AmbiguousDatesError, seconds_of
 from rlgcomp.report.messages import message
@@ -61,7 +61,8 @@ def joined(parts: Sequence[Contents], paths: Sequence[Path], mapping: Mapping[st
     for part in parts[1:]:
         findings += [finding for finding in part.findings if finding not in findings]
     spans = [_span(part, path, mapping) for part, path in zip(parts, paths, strict=True)]
-    pause_s = _longest_pause_s(spans, paths)
+    step = steps_of({TIME: mapping[TIME]}, columns).get(TIME) if TIME in mapping else None
+    pause_s = _longest_pause_s(spans, paths, None if step is None else abs(step.size))
     names = [path.name for path in paths]
     findings.append(Finding("noted", message("recording.joined", files=names, rows=[len(p.table) for p in parts], pause_s=pause_s)))
     return first._replace(table=table, findings=tuple(findings))
@@ -99,8 +100,15 @@ def _span(part: Contents, path: Path, mapping: Mapping[str, str]) -> _Span | Non
     return _Span(since_s + float(known.iloc[0]), since_s + float(known.iloc[-1]), date is not None) if len(known) else None
 
 
-def _longest_pause_s(spans: Sequence[_Span | None], paths: Sequence[Path]) -> float | None:
+def _longest_pause_s(spans: Sequence[_Span | None], paths: Sequence[Path], count_s: float | None) -> float | None:
     """Longest time between the end of a file and the beginning of the next; None where there are no times.
+
+    Parameters
+    ----------
+    spans : sequence of _Span or None
+    paths : sequence of Path
+    count_s : float, optional
+        Stated seconds of a count, where the time is a counter, which may begin again between two files.
 
     Raises
     ------
@@ -114,11 +122,12 @@ def _longest_pause_s(spans: Sequence[_Span | None], paths: Sequence[Path]) -> fl
             continue
         pause_s = after.first_s - before.last_s
         if pause_s < 0.0 and not before.dated:
-            pause_s += range_s_between(before.last_s, after.first_s, dates=False)
+            pause_s += range_s_between(before.last_s, after.first_s, dates=False, count_s=count_s)
         if pause_s < 0.0:
             raise InputError(
                 f"{paths[k].name} begins {-pause_s:.9g} s before {paths[k - 1].name} ends; give the files in the order of their "
-                "times; files whose clocks each begin at zero do not show how long the pauses between them are: write the date"
+                "times; files whose clocks each begin at zero do not show how long the pauses between them are: write the "
+                "date; a counter that begins again needs its step, as in --map time_s='COUNT [4 ms]'"
             )
         longest_s = pause_s if longest_s is None else max(longest_s, pause_s)
     return longest_s
