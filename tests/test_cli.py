@@ -249,7 +249,7 @@ def bad_files(folder: Path, tmp_path: Path) -> dict[str, tuple[Path, str]]:
     (tmp_path / "text.parquet").write_text("time_s,gyro_deg_h\n1,2\n")
     good.drop(columns="gyro_deg_h").to_csv(tmp_path / "nogyro.csv", index=False)
     good.assign(gyro_deg_h=np.nan).to_csv(tmp_path / "nan.csv", index=False)
-    good.iloc[::-1].to_csv(tmp_path / "backwards.csv", index=False)
+    pd.concat([good.iloc[1000::-1], good.iloc[:1000:-1]]).to_csv(tmp_path / "backwards.csv", index=False)
     good.iloc[:2].to_csv(tmp_path / "two.csv", index=False)
     return {
         "an empty file": (tmp_path / "empty.csv", "is empty"),
