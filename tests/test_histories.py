@@ -15,7 +15,7 @@ from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.histories import after_rest, one_after_the_other
+from rlgcomp.diagnosis.histories import after_rest, one_after_the_other, sides
 from rlgcomp.diagnosis.loops import one_history, rougher
 from rlgcomp.diagnosis.memories import (
     Plays,
@@ -26,7 +26,6 @@ from rlgcomp.diagnosis.memories import (
     plane,
     relays,
     rest_of,
-    sides,
 )
 from rlgcomp.diagnosis.selections import OnlyIn
 from rlgcomp.diagnosis.terms import Form

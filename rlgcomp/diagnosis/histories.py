@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.numerics.relays import turning_points
+from rlgcomp.numerics.relays import Start, states_after, states_before, turning_points
 
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 Histories = tuple[tuple[str, tuple[float, ...]], ...]
 """Runs by name, and values between which a driver went before each of them, in units of its range; last, without a name, before
 any other run."""
@@ -55,3 +58,12 @@ def rests_beside(histories: Histories, step: float) -> tuple[Histories, ...]:
     value = one_rest(histories)
     moves = () if value is None else (value + priors.RESTS_APART * step, value - priors.RESTS_APART * step)
     return tuple(after_rest(moved) for moved in moves)
+
+
+def sides(up: Array, down: Array, start: Start, histories: Histories) -> dict[Start, Flags]:
+    """Relays by the start that makes them go on, in a further run, from where the last run left them."""
+    after = turns_before_others(histories)
+    if not after:
+        return {start: np.ones(len(up), dtype=np.bool_)}
+    states = states_after(after, up, down, states_before(after[0], up, down, start))
+    return {"below": states == 0.0, "above": states == 1.0, "unknown": states == 0.5}

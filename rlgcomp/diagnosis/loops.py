@@ -205,14 +205,13 @@ def one_history(runs: Sequence[Run]) -> Callable[[Form], list[Form]]:
         relays = [basis for basis in form.lead if isinstance(basis, Relays) and _is_single(basis) and basis.begins]
         if len(relays) < len(form.lead):
             return []
-
         free = sum(len(relay.from_other_sides()) for relay in relays)
         sides = [(1.0 / len(SIDES), [dataclasses.replace(one, start=start, opposite=()) for one in relays]) for start in SIDES]
         rests = np.arange(-1.0, 1.01, priors.RESTS_BESIDE)
         histories = [(1.0 / len(rests), after_rest(float(value))) for value in rests]
         if len(runs) > 1:
             histories.append((priors.FOLLOWING_RUNS, one_after_the_other(relays[0].driver, runs)))
-        remembered = [(weight, [one.after(history, runs[0].name) for one in relays]) for weight, history in histories]
+        remembered = [(weight, [one.after(history, runs[0]) for one in relays]) for weight, history in histories]
         return [
             dataclasses.replace(form, log_share=form.log_share - free * math.log(2.0)),
             *(

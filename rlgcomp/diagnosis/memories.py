@@ -121,13 +121,13 @@ class Relays(Basis):
         opposite = tuple(name for name, _ in self.begins if (name in self.opposite) != (name == run))
         return dataclasses.replace(self, opposite=opposite)
 
-    def after(self, histories: Histories, first_run: str) -> Self:
-        """The same with histories of runs in place of a side in each; a first run of none keeps its own."""
+    def after(self, histories: Histories, first: Run) -> Self:
+        """The same with histories of runs in place of a side in each; a first run without one keeps its side."""
         start = self.start
-        if not dict(histories).get(first_run, histories[-1][1]):
-            value = dict(self.begins)[first_run]
+        if not turns_before(first, histories):
+            value = dict(self.begins)[first.name]
             on = states_before(value, np.array(self.up), np.array(self.down), self.start)[0] > 0.5
-            start = "above" if on != (first_run in self.opposite) else "below"
+            start = "above" if on != (first.name in self.opposite) else "below"
         return dataclasses.replace(self, start=start, histories=histories, begins=(), opposite=())
 
     def parameters(self) -> dict[str, float]:
@@ -397,12 +397,3 @@ def rest_of(basis: Plays | Preisach) -> float | None:
     """Where its driver rested before each run, in the driver's unit; None of other histories."""
     value = one_rest(basis.histories)
     return None if value is None else basis.driver.centre + basis.driver.half * value
-
-
-def sides(up: Array, down: Array, start: Start, histories: Histories) -> dict[Start, npt.NDArray[np.bool_]]:
-    """Relays by the start that makes them go on, in a further run, from where the last run left them."""
-    after = turns_before_others(histories)
-    if not after:
-        return {start: np.ones(len(up), dtype=np.bool_)}
-    states = states_after(after, up, down, states_before(after[0], up, down, start))
-    return {"below": states == 0.0, "above": states == 1.0, "unknown": states == 0.5}

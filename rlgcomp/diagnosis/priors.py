@@ -76,6 +76,9 @@ TIME_CONSTANTS: Final = 12
 """Lags that are tried, in equal ratios from a window to a run: the next is within a sixth of an e-fold of any."""
 SHORTEST_LAG: Final = 0.75
 """And the shortest, in windows: of a lag of half a window nothing is left but the rate of change, which has its own name."""
+WARM_UP_LEFT: Final = 0.4
+"""Of a warm-up, left at the end of the longest run, at most: an exponential of nine tenths of a run has three tenths left. What has
+settled less is a line or a logarithm as far as the runs show, and is named so."""
 THRESHOLDS: Final = 36
 """Levels of a relay that are tried over the range of its driver: polished afterwards."""
 DEAD_BANDS: Final = (0.0, 0.03, 0.08, 0.16)

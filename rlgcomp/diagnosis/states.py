@@ -353,7 +353,7 @@ class States(Members):
     def _exactly(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
         """The likeliest law of the time that is its very equation: departures from one look like another region's equation.
 
-        What is read departs from an equation by the errors of its sensor too; the time has none.
+        It is as likely as one that departs. What is read departs from an equation by its sensor's errors too; the time has none.
         """
         if region.drivers or region.nuisance:
             return []

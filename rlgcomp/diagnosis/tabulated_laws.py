@@ -15,8 +15,9 @@ from rlgcomp.diagnosis.bases import Basis, Glitch, Product, Shift, gaussian_proc
 from rlgcomp.diagnosis.drivers import BEYOND, Driver, Path
 from rlgcomp.diagnosis.errors import columns_of
 from rlgcomp.diagnosis.fit import Fit
+from rlgcomp.diagnosis.histories import sides
 from rlgcomp.diagnosis.lateness import Late
-from rlgcomp.diagnosis.memories import Curves, Plays, Preisach, Relays, dense, sides
+from rlgcomp.diagnosis.memories import Curves, Plays, Preisach, Relays, dense
 from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.symmetries import Sign
 from rlgcomp.diagnosis.times import Following, Since, SmoothSince, Wave

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final, Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, gaussian_process
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Path
@@ -16,7 +17,6 @@ from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
 _PER_KNOT: Final = 16  # points of time, at which a wave's envelope is evaluated
-_LEFT: Final = 0.4  # of a warm-up at the end of the longest run, at most
 _EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
 
 
@@ -34,20 +34,20 @@ class Since(Basis):
     exponent: float = 1.0
 
     def columns(self, run: Run) -> Array:
-        return np.asarray(self._at(run.elapsed_s)[:, None])
+        return self._at(run.elapsed_s)[:, None]
 
-    def _at(self, elapsed_s: Any) -> Any:
+    def _at(self, elapsed_s: Array) -> Array:
         if self.law == "power":
-            return (elapsed_s / self.unit_s) ** self.value
+            return np.asarray((elapsed_s / self.unit_s) ** self.value)
         scaled = elapsed_s / self.value
         if self.law == "hyperbola":
-            return (1.0 + scaled) ** -self.exponent
-        return np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled)
+            return np.asarray((1.0 + scaled) ** -self.exponent)
+        return np.asarray(np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled))
 
     @property
     def settles(self) -> bool:
         """Whether it may be a warm-up: of one that has not settled within a run nobody can tell that it will."""
-        return self.law in ("logarithm", "power") or self._at(self.unit_s) <= _LEFT
+        return self.law in ("logarithm", "power") or float(self._at(np.asarray(self.unit_s))) <= priors.WARM_UP_LEFT
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         if self.law == "power" and self.value == 1.0:

@@ -304,10 +304,13 @@ class Recording:
         first = time_s[0] if keep_history else start_s
         rows = (time_s >= first) & (time_s < stop_s)
         lead_in_s = max(self.metadata.lead_in_s, start_s - time_s[0]) if keep_history else 0.0
+        after_start_s = self.metadata.after_start_s
+        if first > time_s[0] and after_start_s > 0.0:
+            after_start_s = min(after_start_s, 0.5 * self.period_s)  # of the first mean that is kept
         return self.replace(
             table=self._table[rows],
             truth=None if self._truth is None else self._truth[rows],
-            metadata=dataclasses.replace(self.metadata, lead_in_s=float(lead_in_s)),
+            metadata=dataclasses.replace(self.metadata, lead_in_s=float(lead_in_s), after_start_s=after_start_s),
             name=name or self.name,
         )
 

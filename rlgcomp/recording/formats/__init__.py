@@ -373,11 +373,8 @@ def _format_of(path: Path, *, reading: bool = False) -> ModuleType:
         if path.name.lower().endswith(_suffixes(form, reading=reading)):
             return form
     known = ", ".join(suffix for form in FORMATS for suffix in _suffixes(form, reading=reading))
-    raise InputError(
-        f"{path}: the ending {path.suffix!r} is no known format; {what_to_do(path.suffix)}; known endings are {known}"
-        if reading
-        else f"{path}: the ending {path.suffix!r} is no known format; known endings are {known}"
-    )
+    how = f"{what_to_do(path.suffix)}; " if reading else ""
+    raise InputError(f"{path}: the ending {path.suffix!r} is no known format; {how}known endings are {known}")
 
 
 def _suffixes(form: ModuleType, *, reading: bool) -> tuple[str, ...]:

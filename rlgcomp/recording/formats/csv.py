@@ -53,7 +53,7 @@ _MOST_LINES: Final = 400  # of them
 _FEWEST_LINES: Final = 8  # where they are long
 _LONGEST_HEAD: Final = 1 << 24  # bytes
 _RAGGED: Final = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
-_BLOCK: Final = 1 << 20  # characters read at a time
+_BLOCK: Final = 1 << 20  # bytes read at a time
 _TAIL: Final = 1 << 14  # bytes that show whether the last line is cut
 _FEWEST_WHOLE: Final = 5  # lines among them, which it is compared with
 _NO_THOUSANDS: Final = r"^[+-]?0*,|^[+-]?0+\d|\d{4},|,(?!\d{3}$)"  # of entries with one comma: it stands between no thousands
@@ -419,11 +419,11 @@ class _Lines(io.TextIOBase):
 
 
 def _has_remarks(path: Path, written: Dialect) -> bool:
-    """Whether a # stands among the rows of a file."""
-    with _opened(path, "rt", encoding=written.encoding) as stream:
+    """Whether a # may stand among the rows of a file: its byte does, which in UTF-16 may be half of a letter."""
+    with _opened(path, "rb") as stream:
         for _ in range(written.first):
             stream.readline()
-        return any("#" in block for block in iter(lambda: stream.read(_BLOCK), ""))
+        return any(b"#" in block for block in iter(lambda: stream.read(_BLOCK), b""))
 
 
 def _without_remark(line: str, written: Dialect) -> str:
@@ -555,8 +555,10 @@ def _dialect(path: Path) -> Dialect:
         found = dialect_of_text([line.lstrip("\ufeff") for line in whole[:_MOST_LINES]])
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    said = (Finding("noted", message("recording.alphabet", encoding=encoding, names=list(found.names))),) if guessed else ()
-    return dataclasses.replace(found, encoding=encoding, findings=(*found.findings, *said))
+    findings = found.findings
+    if guessed:
+        findings = (*findings, Finding("noted", message("recording.alphabet", encoding=encoding, names=list(found.names))))
+    return dataclasses.replace(found, encoding=encoding, findings=findings)
 
 
 def _opened(path: Path, mode: str, **how: Any) -> Any:
