@@ -89,6 +89,28 @@ def test_points_between_thousands_beside_decimal_commas(tmp_path: Path) -> None:
     assert {"thousands", "decimal_comma"} <= found.keys()
 
 
+@pytest.mark.parametrize("sign", [".", ","])
+def test_a_column_that_increases_shows_signs_between_thousands(tmp_path: Path, sign: str) -> None:
+    """980, 990, 1.000: nothing else in the file shows a decimal sign."""
+    columns = [[f"{round(count):,}".replace(",", sign) for count in counts] for counts in (1e1 * TIME, 1e3 * GYRO, 1e3 * BLOCK)]
+    names = ("t [0.1 s]", "w [0.001 deg/h]", "T [0.001 degC]")
+    run = read(tmp_path, text(*columns, names=names), columns=dict(zip(OWN, names, strict=True)))
+    assert run.time_s == pytest.approx(TIME)
+    assert run.rate_deg_h() == pytest.approx(GYRO, abs=1e-3)
+    assert run.column("temperature_block_degC") == pytest.approx(BLOCK, abs=1e-3)
+    assert "thousands" in by_code(run.findings)
+
+
+def test_what_may_be_thousands_is_said(tmp_path: Path) -> None:
+    content = text([f"{k}.000" if k else "0" for k in range(ROWS)], digits(GYRO, 3), digits(BLOCK, 3))
+    assert "perhaps_thousands" in expect_coarse(read(tmp_path, content))
+
+
+def expect_coarse(run: rlg.Recording) -> dict[str, Finding]:
+    assert run.rate_deg_h() == pytest.approx(GYRO, abs=1e-3)
+    return by_code(run.findings)
+
+
 def test_decimal_commas_in_quotes_between_commas(tmp_path: Path) -> None:
     quoted = [[f'"{entry}"' for entry in digits(values, comma=True)] for values in (TIME, GYRO, BLOCK)]
     assert "decimal_comma" in expect(read(tmp_path, text(*quoted, separator=",")))
@@ -141,6 +163,7 @@ def test_units_of_a_gyro_in_the_words_of_laboratories(tmp_path: Path, header: st
     [
         ("T [°С]", BLOCK),  # a Cyrillic letter
         ("T [degK]", BLOCK + 273.15),
+        ("T [K] (filtered)", BLOCK + 273.15),
         ("温度(摄氏度)", BLOCK),
         ("Temp, °F (LGR S/N: 10123, SEN S/N: 10124)", 1.8 * BLOCK + 32.0),
         ("Temperature (degrees Celsius)", BLOCK),
@@ -383,3 +406,9 @@ def test_a_counter_that_begins_again_between_two_files(tmp_path: Path, bits: int
         (tmp_path / name).write_text(text(*columns, names=("N", *NAMES[1:])))
     run = rlg.read([tmp_path / "a.csv", tmp_path / "b.csv"], columns=OWN | {"time_s": "N [4 ms]"})
     assert expect(run)["joined"].message.data["pause_s"] == pytest.approx(1.0)
+
+
+def test_dates_of_numpy(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", t=np.datetime64(BEGAN) + TIME.astype("timedelta64[s]"), w=GYRO, T=BLOCK)
+    columns = {"time_s": "t", "gyro_deg_h": "w [deg/h]", "temperature_block_degC": "T [degC]"}
+    assert expect(rlg.read(tmp_path / "run.npz", columns=columns))["dates"].message.data["first"] == BEGAN.isoformat()

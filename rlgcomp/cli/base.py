@@ -45,7 +45,7 @@ Map = Annotated[
         "--map",
         metavar="TARGET=SOURCE",
         help="Read a column of the file under a standard name, its unit in brackets: gyro_deg_h='Gyro Z [deg/s]'. Repeatable. "
-        "All names and units: docs/_site/reference/columns.html",
+        "README lists the names, docs/formats.md what brackets may hold; inspect FILE proposes the map of the time and the gyro.",
     ),
 ]
 Drop = Annotated[list[str] | None, typer.Option("--drop", metavar="COLUMN", help="Leave a column of the file out. Repeatable.")]

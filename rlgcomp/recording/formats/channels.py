@@ -80,7 +80,7 @@ def columns_of(group: str, name: str, values: npt.NDArray[Any]) -> list[Channel]
     if values.dtype.names is not None:
         inside = f"{group}/{name}".strip("/")
         return [channel for field in values.dtype.names for channel in columns_of(inside, field, values[field])]
-    if values.dtype.kind not in "fiu":
+    if values.dtype.kind not in "fiuM":
         return []
     values = np.squeeze(values) if values.ndim > 1 else values
     if values.ndim == 1:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv as text
 import dataclasses
+import itertools
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -74,6 +75,8 @@ class Dialect:
         Further headers may stand between the rows.
     decimal_seen : bool
         Whether a number showed the decimal sign.
+    thousands : str, optional
+        A sign that a column shows to stand between thousands.
     padded : int
         Last columns that have no name: the rows end in a separator.
     surplus : int
@@ -97,6 +100,7 @@ class Dialect:
     surplus: int = 0
     segments: bool = False
     decimal_seen: bool = True
+    thousands: str | None = None
     encoding: str = "utf-8"
     cut: bool = False
 
@@ -145,10 +149,9 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
     names += [""] * padded
     units_below = _units_of(width, below)
     findings += _findings_below(names, below, units_below)
-    seen = decimal_of(separator, (lines[place] for place in places[at:]))
+    seen, between, of_signs = _signs(separator, [lines[place] for place in places[at:]])
+    findings += of_signs
     decimal = seen or "."
-    if decimal == ",":
-        findings.append(Finding("noted", message("recording.decimal_comma")))
     return Dialect(
         separator,
         decimal,
@@ -162,6 +165,7 @@ def dialect_of(lines: Sequence[str]) -> Dialect:
         padded=padded,
         surplus=sum(map(bool, names[most:])) if data else 0,
         decimal_seen=seen is not None,
+        thousands=between,
     )
 
 
@@ -214,8 +218,8 @@ def is_decimal_comma(entry: str) -> bool:
 
 
 def _may_be_thousands(entry: str) -> bool:
-    """Whether the one point or comma of a number may stand between its thousands."""
-    return bool(re.fullmatch(_SIGN + r"[1-9]\d{0,2}[.,]\d{3}", entry))
+    """Whether the points or commas of a number may stand between its thousands."""
+    return bool(re.fullmatch(_SIGN + r"[1-9]\d{0,2}([.,])\d{3}(\1\d{3})*", entry))
 
 
 def _decimal_of_groups(entry: str) -> str | None:
@@ -234,6 +238,7 @@ def without_thousands(entry: str, written: Dialect) -> str:
         return entry.replace(",", ".") if written.decimal == "," and is_decimal_comma(entry) else entry
     group, decimal = grouped["group"], grouped["decimal"]
     certain = group not in ",." or decimal or entry.count(group) > 1 or (group == "," and written.separator == ",")
+    certain = certain or group == written.thousands
     if not certain or group == decimal:
         return entry
     return entry.replace(group, "").replace(",", ".")
@@ -387,6 +392,58 @@ def _findings_below(names: Sequence[str], below: Sequence[Sequence[str]], stated
     known = {name or f"column {place}": unit for place, (name, unit) in enumerate(zip(names, stated, strict=True), 1) if unit}
     other = [entry for row in below for entry in row if entry and _unit_of(entry) is None]
     return [Finding("noted", message("recording.units_row", rows=len(below), units=known, other=other))]
+
+
+def _signs(separator: str, lines: Sequence[str]) -> tuple[str | None, str | None, list[Finding]]:
+    """The decimal sign and the sign between thousands, as far as lines show them, and findings."""
+    seen = decimal_of(separator, lines)
+    if separator == ",":
+        return seen, None, []
+    rows = [entries(line, separator) for line in lines]
+    between, doubtful = _between_thousands(rows)
+    shown = any(_is_fraction(entry) and not _may_be_thousands(entry) for row in rows for entry in row)
+    findings = []
+    if between is not None and seen in (None, between):
+        seen = "," if between == "." else "."
+    elif doubtful and not shown:
+        findings.append(Finding("noted", message("recording.perhaps_thousands", grouped=doubtful[1], whole=doubtful[2])))
+    if seen == ",":
+        findings.append(Finding("noted", message("recording.decimal_comma")))
+    return seen, between, findings
+
+
+def _is_fraction(entry: str) -> bool:
+    return bool(_FRACTION.fullmatch(entry) or _COMMA.fullmatch(entry))
+
+
+def _between_thousands(rows: Sequence[Sequence[str]]) -> tuple[str | None, tuple[str, str, str] | None]:
+    """The point or comma that stands between thousands, as a column shows that increases by it alone, such as 980, 990, 1.000.
+
+    Besides, where no column shows it, the sign of one of whole numbers and of numbers with three digits behind it, such as 0 and
+    1.000, and the first of both.
+    """
+    doubtful = None
+    width = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
+    for column in zip(*(row for row in rows if len(row) == width), strict=True):
+        filled = [entry for entry in column if entry]
+        grouped = [entry for entry in filled if _may_be_thousands(entry)]
+        whole = [entry for entry in filled if re.fullmatch(_SIGN + r"\d{1,3}", entry)]
+        signs = {sign for entry in grouped for sign in ".," if sign in entry}
+        if not grouped or not whole or len(grouped) + len(whole) < len(filled) or len(signs) > 1:
+            continue
+        sign = signs.pop()
+        if any(entry.count(sign) > 1 for entry in grouped):
+            return sign, None
+        counts = [re.sub(f"[{MINUS}]", "-", entry) for entry in filled]
+        with_point, without = ([float(entry.replace(sign, as_this)) for entry in counts] for as_this in (".", ""))
+        if _increases(without) and not _increases(with_point):
+            return sign, None
+        doubtful = doubtful or (sign, grouped[0], whole[0])
+    return None, doubtful
+
+
+def _increases(values: Sequence[float]) -> bool:
+    return all(after > before for before, after in itertools.pairwise(values))
 
 
 def decimal_of(separator: str, lines: Iterable[str]) -> str | None:

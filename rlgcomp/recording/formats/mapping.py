@@ -135,12 +135,11 @@ def _before_its_remark(source: Source, wanted: str | None, target: str, findings
     if wanted is None or remark is None or source.unit != remark or units.is_unit(remark) or times.is_layout(remark):
         return source
     named = units.unit_in_name(name, wanted)
-    if named is None or named.kind != "expected":
+    unit = units.header_unit(name)[1] or (named.unit if named is not None and named.kind == "expected" else None)
+    if unit is None or not units.is_unit(unit) or not units.same_kind(unit, wanted):
         return source
-    findings.append(
-        Finding("noted", message("recording.unit_of_name", source=source.column, wanted=wanted, unit=named.unit), target)
-    )
-    return source._replace(unit=named.unit)
+    findings.append(Finding("noted", message("recording.unit_of_name", source=source.column, wanted=wanted, unit=unit), target))
+    return source._replace(unit=unit)
 
 
 def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target: str, findings: list[Finding]) -> Source:

@@ -246,6 +246,10 @@ TEXTS: Final = {
     "decimal_comma": "numbers are written with a decimal comma",
     "thousands": "signs between thousands, as in {written!r}, are no decimal signs",
     "hexadecimal": "numbers such as {written!r} are read as hexadecimal whole numbers without a sign",
+    "perhaps_thousands": (
+        "numbers such as {grouped!r} stand beside whole ones such as {whole!r}, and are read with a decimal sign; if it stands "
+        "between thousands, write them without it"
+    ),
     "repeated_header": "{rows} rows repeat the names or units of the columns, left out",
     "segments": ("{segments} segments begin again at their first time: placed by the dates of their headers, from {first} on"),
     "empty_time": "every value is missing (NaN); mend the file",
