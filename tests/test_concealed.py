@@ -473,15 +473,14 @@ class TestScore:
         wrong = {**right, "findings": ["warm_up", "ageing"]}
         case = {"kind": "single", "hidden": ["warm_up"]}
         rows = [
-            {**case, **right, "exact": True, "without_rules": {rules.OWNED: wrong, rules.SMALL: wrong}},
+            {**case, **right, "exact": True, "without_rules": {rules.OWNED: wrong, rules.EQUATION: wrong}},
             {**case, **wrong, "exact": False, "without_rules": {rules.OWNED: right}},
             {**case, **right, "exact": True, "without_rules": {}},
             {**case, **right, "exact": True},
         ]
-        owned, small, *others = rules.effects(rows, page.right)
+        owned, of_equation = rules.effects(rows, page.right)
         assert list(owned.values())[1:] == ["2 of 3", 1, 1]
-        assert list(small.values())[1:] == ["1 of 3", 1, 0]
-        assert [list(other.values())[1:] for other in others] == [["0 of 3", 0, 0]] * 2
+        assert list(of_equation.values())[1:] == ["1 of 3", 1, 0]
 
     def test_errors_are_about_each_runs_mean_where_runs_have_biases(self, case: Case) -> None:
         shifted = [truth + 3.0 for truth in case.truth_held_out]

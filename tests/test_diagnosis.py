@@ -66,7 +66,6 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
     (({"mode_hop": {"step_deg_h": 0.01, "threshold_degC": 22.0}},), ["mode_hop"]),
     (({"thermal_lag": {"k_deg_h_K": 2e-3, "time_constant_s": 1500.0}},), ["thermal_lag"]),
     (({"warm_up": {"initial_deg_h": 0.02, "time_constant_s": 2000.0}},), ["warm_up"]),
-    (({"temperature_rate": {"k_deg_h_min_K": 0.004}}, {"rate_asymmetry": {"k_deg_h_min_K": 0.004}}), ["rate_asymmetry"]),
     (({"random_telegraph": {"half_step_deg_h": 0.01, "dwell_s": 2500.0}},), ["random_telegraph"]),
     (({"periodic_interference": {"frequency_hz": 1.0 / 1300.0}},), ["periodic_interference"]),
     (({"magnetic_field": {"k_deg_h_uT": 0.002}}, {"discharge_imbalance": {}}), ["discharge_imbalance", "magnetic_field"]),
@@ -80,6 +79,16 @@ def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expect
     found = asked(runs if len(expected) != 1 else [few_monitors(run) for run in runs])
     assert mechanisms(found) == expected
     assert found.verdict in (("explained", "ambiguous") if expected else ("none",))
+
+
+def test_heating_and_cooling_by_a_coefficient_each_are_the_rate_and_its_asymmetry() -> None:
+    """As the catalogue has it; by heating alone it is one asymmetric response."""
+    of_rate, of_magnitude = ("temperature_rate", "rate_asymmetry")
+    few: dict[str, Any] = {"only": [of_rate, of_magnitude], "window_s": 2.0 * Grid.of(made()).window_s, "black_box": False}
+    for k_deg_h_min_K, names in ((0.008, [of_magnitude, of_rate]), (0.004, [of_magnitude])):
+        missing = ({of_rate: {"k_deg_h_min_K": k_deg_h_min_K}}, {of_magnitude: {"k_deg_h_min_K": 0.004}})
+        runs = [few_monitors(run) for run in made(*missing)]
+        assert mechanisms(diagnose(Simulator.from_mapping(BASELINE), runs, **few)) == names
 
 
 def test_amplitudes_that_a_form_has_no_part_of_are_not_stated() -> None:

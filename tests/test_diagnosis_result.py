@@ -269,17 +269,6 @@ def test_a_mechanism_of_the_users_is_a_candidate(runs: list[Recording], tmp_path
     assert written.to_mapping()["k_deg_h_hPa2"] == pytest.approx(scale, rel=0.3)
 
 
-def test_a_set_that_leaves_more_of_the_training_runs_is_not_named(runs: list[Recording], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here every set counts as one that does."""
-    monkeypatch.setattr("rlgcomp.diagnosis.diagnose.MORE_LEFT", 0.0)
-    found = diagnose(BASELINE, runs[:1], only=FEW, window_s=WINDOW_S, black_box=False)
-    assert found.verdict == "none"
-    assert found.messages[0].code == "diagnosis.nothing_named"
-    (told,) = [one for one in found.remarks if one.code == "diagnosis.worse_in_training"]
-    assert told.data["mechanisms"] == ["supply_voltage"]
-    assert found.train.improvement == pytest.approx(0.0, abs=1e-9)
-
-
 # --- the command ---------------------------------------------------------------------------------------------------------------
 
 

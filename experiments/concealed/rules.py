@@ -10,11 +10,9 @@ from rlgcomp.diagnosis import decide
 from rlgcomp.diagnosis.posterior import Posterior
 
 Row = Mapping[str, Any]
-OF_BOTH: Final = "a static member no larger than a static law of its columns and another is a part of that"
 OWNED: Final = "a law of the columns and memory of a named mechanism is its form"
-SMALL: Final = "a member below the discrepancy of a named one is its form"
-WORSE: Final = "a set that leaves more of the training runs than none is not named"
-RULES: Final = (OWNED, SMALL, OF_BOTH, WORSE)
+EQUATION: Final = "a small member of the columns and memory of a named equation without departures is its form"
+RULES: Final = {OWNED: "_owned", EQUATION: "_form_of_an_equation"}
 
 
 def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
@@ -29,14 +27,7 @@ def without_rules(diagnosis: Any) -> dict[str, dict[str, Any]]:
     if not isinstance(posterior, Posterior):
         return {}
     stated = _content(diagnosis.decision)
-    decisions = {
-        OWNED: _decided_without(posterior, "_owned"),
-        OF_BOTH: _decided_without(posterior, "_of_a_law_of_both"),
-        SMALL: _decided_without(posterior, "_discrepancy"),
-    }
-    if any(remark.code == "diagnosis.worse_in_training" for remark in diagnosis.remarks):
-        decisions[WORSE] = decide.decided(posterior)
-    contents = {rule: _content(decision) for rule, decision in decisions.items()}
+    contents = {rule: _content(_decided_without(posterior, function)) for rule, function in RULES.items()}
     return {rule: content for rule, content in contents.items() if content != stated}
 
 

@@ -24,8 +24,6 @@ EXCHANGED: Final = 0.1
 told apart."""
 SURE: Final = 0.8
 """Probability from which on a member is named without its exchanges."""
-MORE_LEFT: Final = 1.005
-"""Error of the training runs with a set, over that with none, from which on the set is not named, were it ever so probable."""
 LOUDER: Final = 1e-3
 """Probability of noise as large as it is under what is stated, below which that does not explain the runs."""
 TELEGRAPH: Final = "random_telegraph"
@@ -71,7 +69,7 @@ class Decision:
     louder : bool
         The runs are noisier than stated.
     unstated : tuple of str
-        Regions of the set that are taken for another form of what is named.
+        Regions of the set that are taken for a part of the form of what is named.
     """
 
     verdict: Verdict
@@ -96,11 +94,8 @@ def decided(posterior: Posterior) -> Decision:
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
         region = posterior.regions[key]
-        if (
-            _owned(region, [posterior.regions[other] for other in regions])
-            or _of_a_law_of_both(region, best, posterior.regions)
-            or _discrepancy(region, best, posterior.regions)
-        ):
+        owned = _owned(region, [posterior.regions[other] for other in regions])
+        if owned or _form_of_an_equation(region, best, posterior.regions):
             unstated.append(key)
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
@@ -124,30 +119,17 @@ def _owned(law: Region, regions: Sequence[Region]) -> bool:
     return law.mechanism is None and any(set(law.drivers) <= drivers for drivers in owners)
 
 
-def _of_a_law_of_both(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
-    """Whether a static member is no larger than a static law of its columns and another one: a part of that function.
+def _form_of_an_equation(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
+    """Whether a member may be what the equation of a named one of its columns and memory is wrong by: that has no departures.
 
-    A saturating function times another has a part of one column alone, which no product of two straight lines has.
+    The equation has shapes, or the member follows more than the table's rate: what follows the rate alone beside one without
+    shapes, such as a misalignment, is no form of it, which is geometry and exact.
     """
-    size = {member.form.region: member.size for member in state.members}
-    laws = [one for one in (regions[key] for key in size) if one.mechanism is None and one.memory == region.memory == "static"]
-    return any(set(region.drivers) < set(law.drivers) and size[region.key] <= size[law.key] for law in laws)
-
-
-def _discrepancy(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
-    """Whether a member is no larger than the discrepancy of a named one of the same columns and memory.
-
-    A static function has its smooth departures in the model, and evidence beside them stands. An equation that a mechanism states
-    itself has none: what follows the same columns may be its form where it has shapes, or follows more than the table's rate. One
-    of the rate alone without shapes, such as a misalignment, is geometry and exact.
-    """
-    of_region = {member.form.region: member for member in state.members}
-    for key, member in of_region.items():
-        one = regions[key]
-        if one.mechanism is None or priors.DISCREPANCY * member.size < of_region[region.key].size:
-            continue
-        shaped = any(basis.parameters() for basis in member.form.lead)
-        form_of = not member.form.smooth and (shaped or bool(set(region.drivers) - {TABLE_RATE}))
-        if set(region.drivers) <= set(one.drivers) and region.memory == one.memory and (form_of or region.memory != "static"):
+    size = next(member.size for member in state.members if member.form.region == region.key)
+    for member in state.members:
+        one, shaped = regions[member.form.region], any(basis.parameters() for basis in member.form.lead)
+        alike = region.drivers and set(region.drivers) <= set(one.drivers) and region.memory == one.memory
+        small = not member.form.departures and size <= priors.DISCREPANCY * member.size
+        if one.mechanism is not None and alike and small and (shaped or set(region.drivers) != {TABLE_RATE}):
             return True
     return False

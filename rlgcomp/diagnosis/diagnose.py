@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.black_box import BlackBox
 from rlgcomp.diagnosis.case import Case, bases_of
 from rlgcomp.diagnosis.choice import Choice, calibrated_last, in_training
-from rlgcomp.diagnosis.decide import LOUDER, MORE_LEFT, Decision, decided
+from rlgcomp.diagnosis.decide import LOUDER, Decision, decided
 from rlgcomp.diagnosis.design import likely, next_experiment
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.noise import Noise
@@ -22,7 +22,6 @@ from rlgcomp.diagnosis.prepare import AnySimulator, Prepared
 from rlgcomp.diagnosis.programmes import ChamberRange
 from rlgcomp.diagnosis.record import Request
 from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.scores import score
 from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
 from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.states import State
@@ -147,11 +146,6 @@ def _fitted(case: Case, chosen: Choice, chamber: ChamberRange | None) -> Diagnos
     bank_alone = bank if alone is baseline else Bank(data_alone, alone.design(data), None if case.turns else alone)
     before = Fit(data_alone, alone, bank_alone, in_training(_without(best, posterior), bank_alone))
     after = Fit(data, baseline, bank, in_training(best, bank))
-    refused = _refused(decision, before, after, case.request.unit)
-    if refused is not None:
-        decision = Decision("none", ())
-        before = Fit(data_alone, alone, bank_alone, in_training(_null(posterior), bank_alone))
-        after = Fit(data, baseline, bank, in_training(_best(posterior, decision), bank))
     if decision.verdict == "none" and after.excess[1] < LOUDER:
         decision = Decision("unknown", (), louder=True)
     states = likely(posterior) if decision.verdict == "ambiguous" else []
@@ -172,20 +166,8 @@ def _fitted(case: Case, chosen: Choice, chamber: ChamberRange | None) -> Diagnos
         warnings=case.runs.warnings,
         alignment=case.runs.alignment,
         next_experiment=following,
-        next_message=promise if refused is None else refused,
+        next_message=promise,
     )
-
-
-def _refused(decision: Decision, before: Fit, after: Fit, unit: str) -> Message | None:
-    """That a set is not named because it leaves more of the training runs than none does; None where it leaves less."""
-    if not decision.named or after.state.key[1]:
-        return None
-    found = score(before, after, before.data.runs, unit)
-    if found is None or found.augmented_rms <= MORE_LEFT * found.baseline_rms:
-        return None
-    names = [one.mechanism or one.region for one in decision.named]
-    sizes = {"before": found.baseline_rms, "after": found.augmented_rms, "unit": found.unit}
-    return message("diagnosis.worse_in_training", mechanisms=names, **sizes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -87,21 +87,22 @@ class Saturation(Nonlinearity):
 
 @dataclasses.dataclass(frozen=True)
 class Hinge(Nonlinearity):
-    """Nothing on one side of a corner and straight on the other: max(side (u - corner), 0)."""
+    """Nothing on one side of a corner and straight on the other: max(side (u - corner), 0); the corner may be known."""
 
     path: Path
     corner: float
     side: int
+    fixed: bool = False
 
     def columns(self, run: Run) -> Array:
         return np.maximum(self.side * (self.path.values(run) - self.corner), 0.0)[:, None]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
-        corners = _shifted(self.corner, step * _APART, _OUTERMOST)
+        corners = () if self.fixed else _shifted(self.corner, step * _APART, _OUTERMOST)
         return tuple(dataclasses.replace(self, corner=corner) for corner in corners)
 
     def parameters(self) -> dict[str, float]:
-        return {"c": _raw(self.path, self.corner)}
+        return {} if self.fixed else {"c": _raw(self.path, self.corner)}
 
     def per_unit(self) -> float:
         return 1.0 / (self.path.half * self.path.driver.half)

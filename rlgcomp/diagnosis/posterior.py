@@ -23,7 +23,7 @@ from rlgcomp.numerics.robust import LEAST_P_VALUE
 
 Array = npt.NDArray[np.float64]
 _PROVED: Final = 3  # sets that are tried with a two-state process beside them
-_PATHS: Final = 2  # of two-state processes, beside each of which the search runs again
+_PATHS: Final = 2  # of two-state processes, beside each of which the search runs again, and of the likeliest processes then
 _LIKELY: Final = 20.0  # nats behind the likeliest set, up to which the width of lines is measured
 _SAME_PATH: Final = 0.02  # on average, is no difference
 _INSTEAD: Final = 40.0  # nats behind a set with a wander, up to which a two-state path may stand in its place once its set is known
@@ -65,9 +65,12 @@ class Posterior:
         if bank.data.turns:
             return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
         jumping = search.with_processes([*states[:_PROVED], *(state for state in states if not state.members)])
-        _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
-        best = max(search.visited.values(), key=lambda state: state.log_posterior)
-        if best.process is not None and not best.process.two_valued:
+        paths = _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
+        for _ in range(_PATHS):
+            best = max(search.visited.values(), key=lambda state: state.log_posterior)
+            if best.process is None or _is_one_of(best.process.path, paths):
+                break
+            paths.append(best.process.path)
             _search_again(search, best.process.path, forget=layout is None)
         ordered = _without_wide_lines(search)
         found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
@@ -144,8 +147,8 @@ class Posterior:
         return sum(p for (candidate, _), p in self.of_effects.items() if candidate == others)
 
 
-def _search_beside(search: Search, jumping: list[State], instead: float, *, forget: bool) -> None:
-    """Search again beside the paths of the likeliest two-state processes.
+def _search_beside(search: Search, jumping: list[State], instead: float, *, forget: bool) -> list[Array]:
+    """Search again beside the paths of the likeliest two-state processes, which are given back.
 
     Parameters
     ----------
@@ -168,10 +171,15 @@ def _search_beside(search: Search, jumping: list[State], instead: float, *, forg
         path = best.process.path
         if best.log_posterior < top - instead:
             break
-        if any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths):
+        if _is_one_of(path, paths):
             break
         paths.append(path)
         jumping += _search_again(search, path, forget=forget)
+    return paths
+
+
+def _is_one_of(path: Array, paths: Sequence[Array]) -> bool:
+    return any(np.mean(np.abs(path - other)) < _SAME_PATH for other in paths)
 
 
 def _search_again(search: Search, path: Array, *, forget: bool) -> list[State]:

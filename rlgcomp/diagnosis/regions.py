@@ -30,7 +30,7 @@ from rlgcomp.diagnosis.loops import (
     rougher,
     with_relays,
 )
-from rlgcomp.diagnosis.nonlinearities import nonlinear, symmetric
+from rlgcomp.diagnosis.nonlinearities import Hinge, nonlinear, symmetric
 from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
@@ -62,23 +62,26 @@ def _static(setting: Setting) -> list[Family]:
 def _rate(setting: Setting) -> list[Family]:
     rate = Path.rate(setting.data, setting.temperature)
     leads: list[tuple[Basis, ...]] = [(Power(one),) for one in Path.rates(setting.data, setting.temperature)]
+    odd = (Smooth(rate, 0.5, 8, parity=-1),)
     return [
-        Family("b = k dT/dt", leads, departures(rate), 2.0, (Shift,)),
-        Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], departures(rate), 1.0, (Shift,)),
-        *symmetric(Path.rates(setting.data, setting.temperature), departures(rate), (Shift,)),
+        Family("b = k dT/dt", leads, odd, 2.0, (Shift,)),
+        Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], odd, 1.0, (Shift,)),
+        *symmetric(Path.rates(setting.data, setting.temperature), odd, (Shift,)),
     ]
 
 
 def _rate_magnitude(setting: Setting) -> list[Family]:
-    """Of the magnitude alone, or heating and cooling each by a coefficient of its own: one asymmetric response."""
+    """Of the magnitude alone, or of heating or cooling alone; a coefficient for each is the rate beside its magnitude."""
     rate, rates = Path.rate(setting.data, setting.temperature), Path.rates(setting.data, setting.temperature)
     leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in rates]
-    both: list[tuple[Basis, ...]] = [(Magnitude(one), Power(one)) for one in rates]
+    heating, cooling = ([(Hinge(one, 0.0, side, fixed=True),) for one in rates] for side in (1, -1))
+    even = (Smooth(rate, 0.5, 8, parity=1),)
     return [
-        Family("b = k |dT/dt|", leads, departures(rate), 2.0, (Shift,)),
-        Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], departures(rate), 1.0, (Shift,)),
-        Family("b = k_heating max(dT/dt, 0) + k_cooling min(dT/dt, 0)", both, departures(rate), 0.5, (Shift,)),
-        *symmetric(Path.rates(setting.data, setting.temperature), departures(rate), (Shift,), even=True),
+        Family("b = k |dT/dt|", leads, even, 2.0, (Shift,)),
+        Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], even, 1.0, (Shift,)),
+        Family("b = k max(dT/dt, 0)", heating, (), 0.25, (Shift,)),
+        Family("b = k max(-dT/dt, 0)", cooling, (), 0.25, (Shift,)),
+        *symmetric(Path.rates(setting.data, setting.temperature), even, (Shift,), even=True),
     ]
 
 

@@ -32,6 +32,8 @@ WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not m
 _AFRESH: Final = 8.0  # and beyond which one grows from what has grown in its region before alone
 _ALONE: Final = 240.0  # and of a set of one, whose form may lack most of its members
 _ROUGH: Final = 3  # equations whose likeliest forms are tried with departures too many to be screened
+_OTHERS: Final = 2  # equations beside the likeliest one that are polished,
+_NEAR_EQUATIONS: Final = 15.0  # at most so many nats behind it
 _EXACT: Final = 6  # equations that are tried without departures
 _CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
@@ -305,7 +307,9 @@ class States(Members):
         best = self.best_of_region(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
-        found = [self.polished(*best, given)[1], *self._exactly(region, given, white), *self._rougher(region, given, white)]
+        first = [best, *self._other_equations(region, best, given, white)]
+        found = [self.polished(*one, given)[1] for one in first]
+        found += [*self._exactly(region, given, white), *self._rougher(region, given, white)]
         grow = region.grow
         if grow is None or not (state.noise != white or self.switches(own.form) or region.nuisance):
             return found
@@ -349,6 +353,17 @@ class States(Members):
         """Whether a set may become the likeliest; what is far behind is not looked for anew."""
         point = self.evidence(noise).log_evidence(members) + self.log_prior(members) + self.log_prior_of(noise)
         return point > self.top - WITHIN_REACH
+
+    def _other_equations(
+        self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise
+    ) -> list[tuple[float, Member]]:
+        """The likeliest forms of a region's other equations near the likeliest one, which may be ahead once they are polished.
+
+        Departures much larger than a form has by its prior make up for shapes that lie between those of the grid.
+        """
+        ordered = self.by_equation(region, given, noise)
+        near = [one for one in ordered if one[1].form.equation != best[1].form.equation and one[0] > best[0] - _NEAR_EQUATIONS]
+        return [one for one in near if self.narrow(one[1].form)][:_OTHERS]
 
     def _exactly(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
         """The likeliest law of the time that is its very equation: departures from one look like another region's equation.

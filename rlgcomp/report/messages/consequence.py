@@ -23,7 +23,6 @@ DECISIVE: Final = frozenset(
         "diagnosis.learnt_from_columns",
         "diagnosis.no_clock",
         "diagnosis.simulation_scaled",
-        "diagnosis.worse_in_training",
         "evaluation.model_trained_on",
         "evaluation.no_gain",
         "evaluation.trained_on",

@@ -207,8 +207,8 @@ def approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> str
 
 def unstated(regions: Sequence[str], named: Sequence[str]) -> str:
     return (
-        f"The set, its predictions and augmented.yaml hold {_words(regions)} as well: no larger than what the form of "
-        f"{_words(named, 'or')} may be wrong by, or than a law of its columns and another, and therefore no finding."
+        f"The set, its predictions and augmented.yaml hold {_words(regions)} as well: of the columns and memory of "
+        f"{_words(named, 'or')}, and taken for a part of its form, not for a finding of its own."
     )
 
 
@@ -272,13 +272,6 @@ def nothing_missing(simulator: str, probability: float, p_value: float) -> str:
     return (
         f"{capital(simulator)} lacks nothing that the training runs show (probability that nothing is missing "
         f"{probability_text(probability, 2)}; {p_text(p_value)})."
-    )
-
-
-def worse_in_training(mechanisms: Sequence[str], before: float, after: float, unit: str) -> str:
-    return (
-        f"{_words(mechanisms)} is not named although probable: the error of the training runs would be {after:.4g} {unit} "
-        f"with it and is {before:.4g} {unit} without."
     )
 
 
