@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -310,6 +311,25 @@ def test_a_small_member_is_a_form_of_an_equation_without_departures() -> None:
     assert unstated == {"earth_rate_leak"}
     assert found(misalignment=50.0, earth_rate_leak=7.0)[0] == {"misalignment", "earth_rate_leak"}
     assert found(thermal_hysteresis=50.0, mode_hop=5.0)[0] == {"thermal_hysteresis", "mode_hop"}
+
+
+@pytest.mark.parametrize("unnamed", [("law:humidity", Noise()), (None, Noise(wander=1.5))], ids=["a law", "a wander"])
+def test_what_is_beside_a_mechanism_and_may_be_nothing_is_no_unknown_physics(unnamed: tuple[str | None, Noise]) -> None:
+    regions = {
+        "warm_up": Region("warm_up", "warm_up", 0.0, (), (), "none"),
+        "law:humidity": Region("law:humidity", None, 0.0, (), ("humidity",)),
+    }
+    law, noise = unnamed
+
+    def verdict(odds: float, *keys: str) -> str:
+        sets = (*keys, *((law,) if law else ())), keys
+        states = (tuple(Member(Form(key, key, ()), 1.0) for key in one) for one in sets)
+        more, less = next(states), next(states)
+        return decided(Posterior((State(more, noise, math.log(odds)), State(less, Noise(), 0.0)), regions)).verdict
+
+    assert verdict(2.0, "warm_up") == "ambiguous"
+    assert verdict(5.0, "warm_up") == "unknown"
+    assert verdict(2.0) == "unknown"
 
 
 def test_a_relay_of_a_hop_stays_narrow() -> None:

@@ -99,18 +99,30 @@ def decided(posterior: Posterior) -> Decision:
             unstated.append(key)
             continue
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
-        without = posterior.without(key) if probability < SURE and len(regions) > 1 else 0.0
-        dispensable = without if without > EXCHANGED * own else 0.0
-        named.append(Named(key, region.mechanism, min(probability, 1.0), alike, min(dispensable, 1.0)))
+        without = _dispensable(probability, posterior.without(key) if len(regions) > 1 else 0.0, own)
+        named.append(Named(key, region.mechanism, min(probability, 1.0), alike, without))
+    calm = posterior.of_effects.get((regions, ""), 0.0) if regions else 0.0  # the set with nothing unrecorded beside it
+    perhaps_calm = _dispensable(posterior.of_latent(latent), calm, own) if latent else 0.0
     if latent == "telegraph":
-        named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), ()))
+        named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), (), perhaps_calm))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
     wanders = latent == "wander"
-    if laws or wanders:
-        drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
-        return Decision("unknown", tuple(named), drivers, laws[0].memory if laws else "none", wanders, unstated=tuple(unstated))
-    open_ones = any(one.indistinguishable_from or one.perhaps_nothing for one in named)
-    return Decision("ambiguous" if open_ones else "explained", tuple(named), unstated=tuple(unstated))
+    drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
+    verdict: Verdict = "explained"
+    if any(one.indistinguishable_from or one.perhaps_nothing for one in named) or (wanders and perhaps_calm):
+        verdict = "ambiguous"
+    mechanisms = any(one.mechanism is not None for one in named)
+    if (wanders and not (mechanisms and perhaps_calm)) or any(
+        one.mechanism is None and not (mechanisms and one.perhaps_nothing) for one in named
+    ):
+        verdict = "unknown"
+    memory = laws[0].memory if laws else "none"
+    return Decision(verdict, tuple(named), drivers, memory, wanders, unstated=tuple(unstated))
+
+
+def _dispensable(probability: float, without: float, own: float) -> float:
+    """Probability of a set without something of it, where that is nearly as likely as the set; else zero."""
+    return min(without, 1.0) if probability < SURE and without > EXCHANGED * own else 0.0
 
 
 def _owned(law: Region, regions: Sequence[Region]) -> bool:
