@@ -44,6 +44,13 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(100_000, 20, 50)  # not gc.freeze: the lowest version of Hypothesis takes what is frozen for lost
 
 
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """A test marked `needs` is skipped where one of its libraries is absent; `-m needs` selects these alone."""
+    for mark in item.iter_markers("needs"):
+        for library in mark.args:
+            pytest.importorskip(library)
+
+
 def pytest_runtest_teardown() -> None:
     """Experiments silence the remarks of their process; the next test hears them."""
     logging.disable(logging.NOTSET)
@@ -83,6 +90,5 @@ def shared() -> Path:
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """A real scheduler and two worker processes."""
-    pytest.importorskip("distributed")
     with local_cluster(2, tmp_path) as started:
         yield started

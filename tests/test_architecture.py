@@ -217,3 +217,10 @@ def test_a_module_that_is_imported_late_is_itself_at_its_first_use() -> None:
         check=True,
     )
     assert done.stdout.split() == ["0.0", "True"]
+
+
+def test_tests_of_optional_libraries_are_marked_as_such() -> None:
+    """`.ci/run` runs those marked `needs` where the libraries are, and no others: one that skips itself would run nowhere."""
+    for file in Path(__file__).parent.glob("test_*.py"):
+        skips = [line for line in file.read_text(encoding="utf-8").splitlines() if "importorskip" + "(" in line]
+        assert not skips or "\npytestmark = pytest.mark.needs(" in file.read_text(encoding="utf-8"), file.name

@@ -72,10 +72,10 @@ def test_every_model_comes_back(short_runs: list[rlg.Recording], tmp_path: Path,
     assert rlg.load(tmp_path / "model").predict(short_runs[2]).equals(model.predict(short_runs[2]))
 
 
+@pytest.mark.needs("torch")
 def test_the_sequence_model_comes_back_without_torch(
     short_runs: list[rlg.Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("torch", reason="torch is not installed (pip install 'rlgcomp[torch]')")
     model = rlg.Compensator(rlg.SequenceRegressor(epochs=20), features="temperature").fit(short_runs[:2])
     model.save(tmp_path / "model")
     monkeypatch.setitem(__import__("sys").modules, "torch", None)

@@ -105,8 +105,8 @@ def test_a_model_of_the_users_own(short_runs: list[rlg.Recording], tmp_path: obj
     assert np.isfinite(model.correct(short_runs[2]).rate_deg_h()).all()
 
 
+@pytest.mark.needs("torch")
 def test_the_sequence_model_answers_a_window_late(short_runs: list[rlg.Recording]) -> None:
-    pytest.importorskip("torch", reason="torch is not installed (pip install 'rlgcomp[torch]')")
     model = rlg.Compensator(rlg.SequenceRegressor(epochs=30), features="temperature")
     model.model.set_params(epochs=30)
     model.fit(short_runs[:2])

@@ -141,10 +141,12 @@ def test_feather(tmp_path: Path, suffix: str) -> None:
     expect(rlg.read(tmp_path / f"a{suffix}", columns=MAPPED))
 
 
+@pytest.mark.needs("openpyxl")
 @pytest.mark.parametrize("dates", [False, True])
 @pytest.mark.parametrize("above", [[], [["Recorder", 17], []]])
 def test_excel(tmp_path: Path, dates: bool, above: list[list[object]]) -> None:
-    openpyxl = pytest.importorskip("openpyxl", reason="openpyxl is not installed")
+    import openpyxl
+
     book = openpyxl.Workbook()
     sheet = book.active
     for row in (*above, ["t", "wb_1", "wb_3"], [None if dates else "s", "°/h", "°/h"]):
@@ -162,9 +164,11 @@ def test_excel(tmp_path: Path, dates: bool, above: list[list[object]]) -> None:
     assert found["units_row"].message.data["units"]["wb_1"] == "°/h"
 
 
+@pytest.mark.needs("nptdms")
 @pytest.mark.parametrize("clock", ["channel", "increment"])
 def test_tdms(tmp_path: Path, clock: str) -> None:
-    nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")
+    import nptdms
+
     stated = {"wf_increment": 0.1, "wf_start_offset": 0.0} if clock == "increment" else {}
     objects = [
         nptdms.ChannelObject("imu", f"w{axis}", RATES[:, k], stated | {"unit_string": "deg/h"}) for k, axis in enumerate("xyz")
@@ -180,8 +184,10 @@ def test_tdms(tmp_path: Path, clock: str) -> None:
     assert run.metadata.notes["tdms"] == {"operator": "lab"}
 
 
+@pytest.mark.needs("asammdf")
 def test_mdf(tmp_path: Path) -> None:
-    asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
+    import asammdf
+
     with asammdf.MDF(version="4.10") as file:
         file.append([asammdf.Signal(RATES[:, k].copy(), TIME, name=f"w{axis}", unit="deg/h") for k, axis in enumerate("xyz")])
         file.append([asammdf.Signal(SLOW, SLOW_TIME, name="T", unit="degC")])
@@ -192,11 +198,12 @@ def test_mdf(tmp_path: Path) -> None:
     assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
 
 
+@pytest.mark.needs("rosbags", "mcap_ros2")
 @pytest.mark.parametrize("mixed", [False, True])
 def test_mcap_of_its_own_library(tmp_path: Path, mixed: bool) -> None:
     """Messages of a type that the file defines; beside messages in JSON it is refused, which the library for bags cannot read."""
-    pytest.importorskip("rosbags", reason="rosbags is not installed")
-    ros = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
+    import mcap_ros2.writer as ros
+
     path = tmp_path / "a.mcap"
     with path.open("wb") as stream:
         bag = ros.Writer(stream)
@@ -237,8 +244,8 @@ def ulog_of(topics: dict[str, tuple[list[str], np.ndarray]]) -> bytes:
     return content
 
 
+@pytest.mark.needs("pyulog")
 def test_ulog(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog", reason="pyulog is not installed")
     gyro, temperature = np.column_stack([TIME, RATES]), np.column_stack([SLOW_TIME, SLOW])
     content = ulog_of({"sensor_gyro": (["x", "y", "z"], gyro), "sensor_baro": (["temperature"], temperature)})
     (tmp_path / "a.ulg").write_bytes(content)
@@ -248,10 +255,10 @@ def test_ulog(tmp_path: Path) -> None:
     assert run.column("temperature_block_degC") == pytest.approx(BLOCK)
 
 
+@pytest.mark.needs("rosbags")
 @pytest.mark.parametrize("alone", [False, True])
 @pytest.mark.parametrize("storage", [".bag", ".db3", ".mcap"])
 def test_bags_of_ros(tmp_path: Path, storage: str, alone: bool) -> None:
-    pytest.importorskip("rosbags", reason="rosbags is not installed")
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
@@ -311,9 +318,10 @@ def test_no_bytes_make_a_traceback(tmp_path: Path, suffix: str) -> None:
     gc.collect()  # here, where what such a library left open is expected
 
 
-def test_what_no_container_could_give_is_named(tmp_path: Path) -> None:
-    """One row alone, words and objects: named with their groups."""
-    nptdms = pytest.importorskip("nptdms", reason="npTDMS is not installed")
+@pytest.mark.needs("nptdms")
+def test_words_of_tdms_are_named_with_their_group(tmp_path: Path) -> None:
+    import nptdms
+
     with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
         channels = [
             nptdms.ChannelObject("imu", name, values) for name, values in (("time", TIME), ("wx", RATES[:, 0]), ("wz", RATES[:, 2]))
@@ -321,14 +329,22 @@ def test_what_no_container_could_give_is_named(tmp_path: Path) -> None:
         writer.write_segment([*channels, nptdms.ChannelObject("imu", "note", np.array(["fine"] * 3))])
     expect(run := rlg.read(tmp_path / "a.tdms", columns={"time_s": "time", "gyro_x_deg_h": "wx", "gyro_z_deg_h": "wz"}))
     assert by_code(run.findings)["left_out"].message.data["names"] == ["imu/note"]
-    asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
+
+
+@pytest.mark.needs("asammdf")
+def test_words_of_mdf_are_named_with_their_group(tmp_path: Path) -> None:
+    import asammdf
+
     with asammdf.MDF(version="4.10") as file:
         file.append([asammdf.Signal(RATES[:, k].copy(), TIME, name=f"w{axis}", unit="deg/h") for k, axis in enumerate("xyz")])
         file.append([asammdf.Signal(np.array([b"fine"] * 5), TIME[:5], name="note", encoding="utf-8")])
         file.save(tmp_path / "a.mf4", overwrite=True)
     expect(run := rlg.read(tmp_path / "a.mf4", columns={"time_s": "time", "gyro_x_deg_h": "wx", "gyro_z_deg_h": "wz"}))
     assert by_code(run.findings)["left_out"].message.data["names"] == ["group 1/note"]
-    pytest.importorskip("pyulog", reason="pyulog is not installed")
+
+
+@pytest.mark.needs("pyulog")
+def test_one_row_alone_of_ulog_is_named_with_its_topic(tmp_path: Path) -> None:
     content = ulog_of(
         {"sensor_gyro": (["x", "y", "z"], np.column_stack([TIME, RATES])), "once": (["value"], np.array([[1.0, 2.0]]))}
     )

@@ -319,7 +319,13 @@ def test_a_finding_is_a_formula_and_a_function(found: Diagnosis, runs: list[Reco
     fitted = run.window_means(found.after.term(0, run))
     called = run.window_means(run.on_bins_of_rows(values))
     assert np.std(called - fitted) < 0.1 * found.after.white
-    library = pytest.importorskip("sympy", reason="SymPy is not installed (pip install 'rlgcomp[python]')")
+
+
+@pytest.mark.needs("sympy")
+def test_a_finding_is_an_expression(found: Diagnosis) -> None:
+    import sympy as library
+
+    (cause,) = found.causes
     assert library.Symbol("k_deg_h_V", real=True) in cause.sympy().free_symbols
     assert library.Symbol("k_deg_h_V", real=True) not in cause.sympy(numbers=True).free_symbols
 

@@ -31,8 +31,8 @@ def test_neural_network_learns_the_law() -> None:
     assert np.std(y - predict(X)) < 0.12
 
 
+@pytest.mark.needs("pymoo")
 def test_swarm_tunes_support_vectors(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pymoo", reason="pymoo is not installed: extra `bench`")
     monkeypatch.setattr("experiments.earlier_compensations.methods.GENERATIONS", 4)
     monkeypatch.setattr("experiments.earlier_compensations.methods.PARTICLES", 10)
     X, y, groups = (values[::2] for values in _rows(3))

@@ -54,17 +54,21 @@ def test_latex_of_every_mechanism_can_be_typeset(name: str) -> None:
         figure.savefig(io.BytesIO(), format="svg")
 
 
+@pytest.mark.needs("sympy")
 @pytest.mark.parametrize("name", sorted(set(rlg.CATALOGUE) - IN_WORDS))
 def test_every_formula_is_an_expression(name: str) -> None:
-    library = pytest.importorskip("sympy", reason="SymPy is not installed (pip install 'rlgcomp[python]')")
+    import sympy as library
+
     expression = cause(name).sympy()
     assert isinstance(expression, library.Expr)
     names = {parameter.name for parameter in rlg.CATALOGUE[name]().amplitude_parameters()}
     assert names <= {str(symbol) for symbol in expression.free_symbols}
 
 
+@pytest.mark.needs("sympy")
 def test_an_expression_is_the_function() -> None:
-    library = pytest.importorskip("sympy", reason="SymPy is not installed (pip install 'rlgcomp[python]')")
+    import sympy as library
+
     run = rlg.simulated_unit(1).simulate("short", seed=1, step_s=20.0)
     found = cause("readout_incoherence", k_deg_h=0.8)
     expression = found.sympy(numbers=True)
@@ -75,8 +79,8 @@ def test_an_expression_is_the_function() -> None:
     assert found(run) == pytest.approx(0.8 * (a - b) / (a + b))
 
 
+@pytest.mark.needs("sympy")
 def test_what_is_in_words_has_a_function_but_no_expression() -> None:
-    pytest.importorskip("sympy", reason="SymPy is not installed (pip install 'rlgcomp[python]')")
     run = rlg.simulated_unit(1).simulate("short", seed=1, step_s=20.0)
     found = cause("thermal_hysteresis", k1_deg_h_K=1e-3)
     with pytest.raises(rlg.InputError, match=r"stated in words.* call the finding with a recording"):
@@ -87,8 +91,10 @@ def test_what_is_in_words_has_a_function_but_no_expression() -> None:
         cause("random_telegraph")(run)
 
 
+@pytest.mark.needs("sympy")
 def test_powers_bind_before_products_and_bars_nest_in_parentheses() -> None:
-    library = pytest.importorskip("sympy", reason="SymPy is not installed (pip install 'rlgcomp[python]')")
+    import sympy as library
+
     values = {"W": -3.0, "k": 2.0}
     expression = sympy("b = k W^2 * |W / (1 + 2)| - W")
     assert float(expression.subs({library.Symbol(name, real=True): value for name, value in values.items()})) == 2 * 9 * 1 + 3

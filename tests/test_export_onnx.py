@@ -24,8 +24,9 @@ from rlgcomp.export import onnx as exported
 from rlgcomp.export.expansion import Expansion
 from rlgcomp.export.target import Options, export
 
-onnx = pytest.importorskip("onnx", reason="onnx is not installed (pip install 'rlgcomp[onnx]')")
-onnxruntime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed (pip install 'rlgcomp[onnx]')")
+onnx = pytest.importorskip("onnx")
+onnxruntime = pytest.importorskip("onnxruntime")
+pytestmark = pytest.mark.needs("onnx", "onnxruntime")
 
 KEPT = Path(__file__).parents[1] / "models"
 ESTIMATORS = {
@@ -102,7 +103,6 @@ def test_the_command_verifies_on_recordings_and_writes_golden_vectors(short_runs
 
 
 def test_nothing_is_left_in_the_folder_for_temporary_files(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
-    pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
     rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(short_runs[:2]).save(tmp_path / "model")
     (tmp_path / "tmp").mkdir()
     command = [sys.executable, "-m", "rlgcomp", "export", str(tmp_path / "model"), "--to", "onnx", "--out", str(tmp_path / "out")]

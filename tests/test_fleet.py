@@ -197,6 +197,7 @@ def slow(unit: Unit, folder: Path) -> dict[str, object]:
     return {"pid": os.getpid()}
 
 
+@pytest.mark.needs("distributed")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
 def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluster, tmp_path: Path) -> None:
     address, processes = cluster

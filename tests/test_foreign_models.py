@@ -56,9 +56,9 @@ def saved(model: object, runs: list[rlg.Recording], folder: Path) -> rlg.Compens
     return compensator
 
 
+@pytest.mark.needs("skops")
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: type(model).__name__)
 def test_a_model_of_scikit_learn_comes_back(model: object, runs: list[rlg.Recording], tmp_path: Path) -> None:
-    pytest.importorskip("skops", reason="skops is not installed (pip install 'rlgcomp[python]')")
     before = saved(model, runs, tmp_path / "model")
     again = rlg.load(tmp_path / "model")
     assert (again.predict(runs[0]) == before.predict(runs[0])).all(axis=None)
@@ -67,8 +67,8 @@ def test_a_model_of_scikit_learn_comes_back(model: object, runs: list[rlg.Record
     assert rlg.evaluate(again, runs[1:], compare=False).residual_std_deg_h > 0.0
 
 
+@pytest.mark.needs("skops")
 def test_a_class_of_ones_own_is_refused_with_its_name(runs: list[rlg.Recording], tmp_path: Path) -> None:
-    pytest.importorskip("skops", reason="skops is not installed (pip install 'rlgcomp[python]')")
     with pytest.raises(rlg.InputError, match=r"OwnRegressor cannot be saved: it holds .*OwnRegressor, which is not among"):
         saved(OwnRegressor(), runs, tmp_path / "model")
     assert not (tmp_path / "model").exists()
@@ -88,8 +88,10 @@ def resealed(folder: Path) -> None:
     (folder / "SHA256SUMS").write_text("".join(f"{sha256(folder / name)}  {name}\n" for name in names))
 
 
+@pytest.mark.needs("skops")
 def test_a_file_that_holds_more_is_refused_unread(runs: list[rlg.Recording], tmp_path: Path) -> None:
-    skops = pytest.importorskip("skops.io", reason="skops is not installed (pip install 'rlgcomp[python]')")
+    import skops.io as skops
+
     saved(Ridge(), runs, tmp_path / "model")
     for name, content, message in (
         ("own", skops.dumps(OwnRegressor().fit(np.zeros((3, 2)), np.zeros(3))), "model.skops is refused: it holds"),
@@ -107,9 +109,9 @@ def test_a_file_that_holds_more_is_refused_unread(runs: list[rlg.Recording], tmp
             rlg.load(folder)
 
 
+@pytest.mark.needs("skops")
 def test_a_tree_that_leads_nowhere_is_refused(runs: list[rlg.Recording], tmp_path: Path) -> None:
     """Its compiled code would read beyond its arrays."""
-    pytest.importorskip("skops", reason="skops is not installed (pip install 'rlgcomp[python]')")
     model = saved(DecisionTreeRegressor(max_depth=3), runs, tmp_path / "model").model_
     tree = model.tree_
     for name, value in (("left_child", 10**6), ("left_child", 0), ("feature", 7), ("right_child", -5)):
@@ -125,11 +127,11 @@ def test_a_tree_that_leads_nowhere_is_refused(runs: list[rlg.Recording], tmp_pat
             rlg.load(tmp_path / "model")
 
 
+@pytest.mark.needs("skops")
 def test_a_file_that_unpacks_to_more_than_any_model_is_refused(
     runs: list[rlg.Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of 1 GiB; here a limit of 1 MiB stands for it, which is packed sooner."""
-    pytest.importorskip("skops", reason="skops is not installed (pip install 'rlgcomp[python]')")
     assert foreign_models.LARGEST_BYTES == 1 << 30
     monkeypatch.setattr(foreign_models, "LARGEST_BYTES", 1 << 20)
     saved(Ridge(), runs, tmp_path / "model")

@@ -348,7 +348,6 @@ def test_a_raw_recording_is_not_replaced_and_an_own_one_is(recording: rlg.Record
     if suffix == ".parquet":
         table.to_parquet(path)
     elif suffix == ".h5":
-        h5py = pytest.importorskip("h5py")
         with h5py.File(path, "w") as file:
             for column in table.columns:
                 file[column] = table[column].to_numpy()

@@ -8,6 +8,7 @@ import gzip
 import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pyarrow.ipc
@@ -93,7 +94,6 @@ def test_metadata_that_are_no_mapping_are_refused(tmp_path: Path, table: pd.Data
 def test_small_files_of_huge_content_are_refused_and_the_limit_can_be_raised(
     tmp_path: Path, table: pd.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for name in ("time_s", "gyro_deg_h"):
             file.create_dataset(name, shape=(300_000_000,), dtype="f8", chunks=(1000,))
@@ -124,7 +124,6 @@ def test_small_files_of_huge_content_are_refused_and_the_limit_can_be_raised(
 
 @pytest.mark.parametrize("content", ["external", "virtual"])
 def test_numbers_in_other_files_are_not_read(tmp_path: Path, table: pd.DataFrame, content: str) -> None:
-    h5py = pytest.importorskip("h5py")
     hdf5.save(tmp_path / "other.h5", table, {})
     (tmp_path / "secret").write_bytes(bytes(8 * len(table)))
     with h5py.File(tmp_path / "run.h5", "w") as file:

@@ -373,14 +373,12 @@ def test_a_cortex_m4_gives_what_python_gives(
     [
         ("c", Options(precision="float", board=False), "double precision"),
         ("c", Options(libm=False, board=False), "cos and sin"),
-        ("onnx", Options(board=False), "export it with --to c"),
+        pytest.param("onnx", Options(board=False), "export it with --to c", marks=pytest.mark.needs("onnx")),
     ],
 )
 def test_what_cannot_be_exported_is_refused(
     hybrid: rlg.Compensator, to: str, options: Options, message: str, tmp_path: Path
 ) -> None:
-    if to == "onnx":
-        pytest.importorskip("onnx")
     hybrid.save(tmp_path / "model")
     with pytest.raises(rlg.InputError, match=message):
         export(tmp_path / "model", tmp_path / "out", to, options)

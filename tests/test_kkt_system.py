@@ -24,6 +24,7 @@ from rlgcomp.compensation.models.kernels import kernel
 from rlgcomp.compensation.models.kkt_system import DeviceKKTSystem, device_named
 
 torch = pytest.importorskip("torch")
+pytestmark = pytest.mark.needs("torch")
 register_commands()
 KERNELS = [{"kernel": "gaussian", "sigma": 2.0}, {"kernel": "linear"}, {"kernel": "polynomial", "degree": 2}]
 

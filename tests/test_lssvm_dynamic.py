@@ -100,8 +100,8 @@ def test_its_c_agrees_with_python(model: rlg.Compensator, short_runs: list[rlg.R
     assert all(check.wrong == 0 for check in result.checks)
 
 
+@pytest.mark.needs("onnx")
 def test_its_onnx_agrees_with_python(model: rlg.Compensator, short_runs: list[rlg.Recording], tmp_path: Path) -> None:
-    pytest.importorskip("onnx", reason="onnx is not installed: extra `onnx`")
     model.save(tmp_path / "model")
     export(tmp_path / "model", tmp_path / "onnx", "onnx", Options(runs=[short_runs[2]]))
 

@@ -23,7 +23,7 @@ def expected_failures(estimator: object) -> dict[str, str]:
 
 
 def estimators() -> list[object]:
-    instances = [
+    return [
         rlg.LSSVMRegressor(),
         rlg.LSSVMRegressor(robust=True),
         rlg.LSSVMRegressor("linear"),
@@ -36,11 +36,10 @@ def estimators() -> list[object]:
         rlg.KernelBaselines("svr"),
         rlg.KernelBaselines("gaussian_process"),
     ]
-    try:
-        import torch  # noqa: F401
-    except ImportError:
-        return instances
-    return [*instances, rlg.LSSVMRegressor(device="cpu"), rlg.SequenceRegressor(epochs=60)]
+
+
+def estimators_of_torch() -> list[object]:
+    return [rlg.LSSVMRegressor(device="cpu"), rlg.SequenceRegressor(epochs=60)]
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -57,6 +56,13 @@ def test_the_best_of_three_kernels_is_not_fitted_by_itself(data: tuple[np.ndarra
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
 @parametrize_with_checks(estimators(), expected_failed_checks=expected_failures)
 def test_scikit_learns_contract(estimator: object, check: object) -> None:
+    check(estimator)
+
+
+@pytest.mark.needs("torch")
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.SkipTestWarning")
+@parametrize_with_checks(estimators_of_torch(), expected_failed_checks=expected_failures)
+def test_scikit_learns_contract_with_torch(estimator: object, check: object) -> None:
     check(estimator)
 
 
@@ -120,9 +126,9 @@ def test_baselines_are_scikit_learns(data: tuple[np.ndarray, np.ndarray], method
     assert ours == pytest.approx(theirs[method](), abs=1e-10)
 
 
+@pytest.mark.needs("torch")
 def test_the_sequence_model_learns_a_lag() -> None:
     """A response delayed by ten rows, which no model of single rows can learn."""
-    pytest.importorskip("torch", reason="torch is not installed (pip install 'rlgcomp[torch]')")
     rng = np.random.default_rng(0)
     x = np.convolve(rng.standard_normal(900), np.ones(8) / 8, mode="same")[:, None]
     y = np.roll(x[:, 0], 10)
@@ -134,8 +140,8 @@ def test_the_sequence_model_learns_a_lag() -> None:
     assert rlg.LSSVMRegressor(c=10.0).fit(x[:600], y[:600]).predict(x[600:]).std() < 0.5 * y[600:].std()
 
 
+@pytest.mark.needs("torch")
 def test_the_sequence_model_is_causal_and_repeats() -> None:
-    pytest.importorskip("torch", reason="torch is not installed (pip install 'rlgcomp[torch]')")
     rng = np.random.default_rng(1)
     X, y = rng.standard_normal((100, 2)), rng.standard_normal(100)
     model = rlg.SequenceRegressor(epochs=20).fit(X, y)
@@ -151,12 +157,11 @@ def test_the_sequence_model_says_when_torch_is_missing(monkeypatch: pytest.Monke
         rlg.SequenceRegressor().fit(np.ones((5, 1)), np.arange(5.0))
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.needs("torch")) if n == "sequence" else n for n in MODELS])
 def test_a_model_packed_and_unpacked_predicts_the_same(data: tuple[np.ndarray, np.ndarray], name: str) -> None:
     X, y = data
     model = MODELS[name].make()
     if name == "sequence":
-        pytest.importorskip("torch", reason="torch is not installed (pip install 'rlgcomp[torch]')")
         model.set_params(epochs=20)
     if name in ("dynamic", "lssvm-dynamic"):
         model.set_params(linear=(1,))

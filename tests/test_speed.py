@@ -289,8 +289,8 @@ def test_a_fleet_by_two_workers_is_that_of_one() -> None:
 
 
 @pytest.mark.slow  # tests of fleets compare a cluster with one worker as well
+@pytest.mark.needs("distributed")
 def test_a_fleet_by_a_cluster_that_loses_a_worker_is_that_of_one() -> None:
-    pytest.importorskip("distributed")
     killed, _, empty, _ = speed.chosen(["fleet-dask"])
     (found,) = measure(killed, quick=True, repeats=1)
     assert found.agrees

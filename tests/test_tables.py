@@ -22,11 +22,14 @@ OWN = {"t": TIME, "Gyro Z": np.deg2rad(RATE) / 3600.0, "T1": BLOCK + 273.15}
 
 
 def polars_frame() -> Any:
-    return pytest.importorskip("polars", reason="polars is not installed").DataFrame(OWN)
+    import polars
+
+    return polars.DataFrame(OWN)
 
 
 def xarray_set(**attributes: str) -> Any:
-    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
+    import xarray
+
     return xarray.Dataset({"Gyro Z": ("t", OWN["Gyro Z"], attributes), "T1": ("t", OWN["T1"])}, coords={"t": TIME})
 
 
@@ -50,7 +53,10 @@ KINDS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+LIBRARIES = ("polars", "xarray")
+
+
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.needs(k)) if k in LIBRARIES else k for k in KINDS])
 def test_every_kind_of_table_is_the_recording_that_a_file_is(kind: str, tmp_path: Path) -> None:
     pd.DataFrame(OWN).to_parquet(tmp_path / "run.parquet")
     expected = rlg.read(tmp_path / "run.parquet", columns=COLUMNS)
@@ -116,6 +122,7 @@ def test_a_table_is_repaired_and_the_repairs_are_reported() -> None:
     assert len(run) == ROWS - 1
 
 
+@pytest.mark.needs("xarray")
 def test_units_of_xarray_are_read() -> None:
     run = rlg.recording(xarray_set(units="rad/s"), columns=COLUMNS | {"gyro_deg_h": "Gyro Z"})
     assert run["gyro_deg_h"] == pytest.approx(RATE)
@@ -150,10 +157,12 @@ def test_what_is_no_table_is_refused(data: Any, message: str) -> None:
         rlg.recording(data)
 
 
+@pytest.mark.needs("polars", "xarray")
 def test_lazy_frames_and_planes_are_refused_with_the_remedy() -> None:
     with pytest.raises(rlg.InputError, match=r"give .collect\(\)"):
         rlg.recording(polars_frame().lazy())
-    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
+    import xarray
+
     with pytest.raises(rlg.InputError, match="the dimensions are t, axis"):
         rlg.recording(xarray.DataArray(np.zeros((5, 3)), dims=("t", "axis"), name="gyro_deg_h"))
 
@@ -186,8 +195,10 @@ def test_a_recording_is_no_sequence_of_columns() -> None:
         _ = run["x"]
 
 
+@pytest.mark.needs("xarray")
 def test_a_unit_of_xarray_that_contradicts_the_name_is_refused() -> None:
-    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
+    import xarray
+
     own = {"gyro_deg_h": ("time_s", RATE / 3600.0, {"units": "deg/s"})}
     with pytest.raises(rlg.InputError, match="gyro_deg_h is in deg/h by its name and in deg/s by its attribute units"):
         rlg.recording(xarray.Dataset(own, coords={"time_s": TIME}))

@@ -77,6 +77,7 @@ def test_a_piece_that_kills_its_worker_ends_with_a_message_and_the_others_are_ke
     assert kept.results("kills", kills, [(0,), (2,)]) == [0, 2]
 
 
+@pytest.mark.needs("distributed")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
 def test_a_cluster_whose_worker_is_killed_gives_the_same(cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     address, processes = cluster
@@ -89,6 +90,7 @@ def test_a_cluster_whose_worker_is_killed_gives_the_same(cluster: Cluster, tmp_p
 
 
 @pytest.mark.slow
+@pytest.mark.needs("distributed")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
 def test_the_concealed_benchmark_on_a_cluster_whose_worker_is_killed(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
