@@ -340,7 +340,7 @@ WRONG = st.one_of(
 
 
 @pytest.mark.parametrize("form", ["lssvm", "cubic", "kernel-ridge"])
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_anything_put_anywhere_in_the_manifest_is_refused_or_harmless(
     short_runs: list[rlg.Recording], tmp_path_factory: pytest.TempPathFactory, form: str, data: st.DataObject

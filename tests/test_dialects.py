@@ -617,7 +617,7 @@ def tables(draw: st.DrawFn) -> tuple[str, str, list[str], list[str], np.ndarray]
     return "\n".join(lines) + "\n", separator, list(names), units, numbers
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(
     table=tables(),
     note=st.sampled_from(["", "# a remark\n", "* RATE 200 HZ\n* COLUMNS below\n", "Device one on the bench in the cellar\n"]),
