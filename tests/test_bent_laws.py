@@ -43,7 +43,7 @@ def bent_with_corners(level: Array, _: Array) -> Array:
     return np.asarray(0.5 * level**2 + 1.5 * np.maximum(level - 0.4, 0.0) + np.maximum(-0.5 - level, 0.0))
 
 
-def diagnosed(column: str, law: Law, size_deg_h: float = 0.03) -> Diagnosis:
+def diagnosed(column: str, law: Law, size_deg_h: float = 0.03, windows: float = 4.0) -> Diagnosis:
     """Of two runs whose gyro follows a column of its own, tested on a third."""
     noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
@@ -56,12 +56,12 @@ def diagnosed(column: str, law: Law, size_deg_h: float = 0.03) -> Diagnosis:
         table = run.table.assign(**{column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer})
         runs.append(few_monitors(run.replace(table=table, truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    return diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[::2], runs[1:2], window_s=windows * Grid.of(runs).window_s, black_box=False)
 
 
 def test_a_column_that_acts_late_and_saturates_is_one_law() -> None:
     """A lag alone left a slow error, or a line, of what saturates."""
-    found = diagnosed("humidity_percent", late_and_saturating)
+    found = diagnosed("humidity_percent", late_and_saturating, windows=2.0)
     content = found.to_mapping()["unexplained"]
     assert found.verdict == "unknown"
     assert (content["drivers"], content["memory"]) == (["humidity_percent"], "dynamic")
@@ -106,7 +106,7 @@ def test_a_monitor_through_corners_and_a_bend_is_that_monitor_alone() -> None:
     assert found.test.augmented_rms < 0.1 * found.test.baseline_rms
 
 
-def thermally(answer: Callable[[rlg.Recording], Array], seed: int, degree: int) -> Diagnosis:
+def thermally(answer: Callable[[rlg.Recording], Array], seed: int, degree: int, windows: float) -> Diagnosis:
     """Of two runs whose gyro follows their thermometers, beside a simulator with a polynomial, tested on a third."""
     noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
@@ -116,7 +116,7 @@ def thermally(answer: Callable[[rlg.Recording], Array], seed: int, degree: int) 
         table = run.table.assign(gyro_deg_h=run.rate_deg_h() + answer(run))
         runs.append(few_monitors(run.replace(table=table, truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": degree}}]})
-    return diagnose(fitted, runs[::2], runs[1:2], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[::2], runs[1:2], window_s=windows * Grid.of(runs).window_s, black_box=False)
 
 
 def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> None:
@@ -126,7 +126,7 @@ def test_the_temperature_of_a_place_between_two_thermometers_is_one_law() -> Non
         block, shell = (run.column(f"temperature_{place}_degC") for place in ("block", "shell"))
         return np.asarray(0.04 * np.exp(-0.5 * ((0.4 * block + 0.6 * shell - 18.0) / 9.0) ** 2))
 
-    found = thermally(bump, 20, 3)
+    found = thermally(bump, 20, 3, windows=2.0)
     (law,) = found.to_mapping()["unexplained"]["laws"]
     assert found.verdict == "unknown"
     assert (law["drivers"], law["memory"]) == (["temperature_block_degC", "temperature_shell_degC"], "static")
@@ -147,7 +147,7 @@ def test_a_bend_after_two_lags_is_a_thermal_lag() -> None:
             inner = lag(inner, run.time_s, time_constant_s)
         return np.asarray(0.1 * (inner + 0.5 * inner**2))
 
-    found = thermally(bent, 30, 2)
+    found = thermally(bent, 30, 2, windows=4.0)
     assert found.verdict == "explained"
     assert [cause.name for cause in found.causes] == ["thermal_lag"]
     assert found.test is not None

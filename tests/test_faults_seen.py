@@ -150,7 +150,7 @@ def test_a_free_time_constant_beside_jumps_is_calibrated_beside_them() -> None:
     lag = {"thermal_lag": {"k_deg_h_K": 0.02, "time_constant_s": 300.0}}
     runs = recorded("thermal_polynomial", lag, {"random_telegraph": {"half_step_deg_h": 0.2, "dwell_s": 1500.0}})
     low = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial", "thermal_lag"]})
-    found = asked(runs[:2], runs[2:], ("thermal_gradient", "random_telegraph"), of=low)
+    found = asked(runs[:2], runs[2:], ("thermal_gradient", "random_telegraph"), of=low, windows=4.5)
     assert [cause.name for cause in found.causes] == ["random_telegraph"]
     assert found.verdict == "explained"
     for name, truth in lag["thermal_lag"].items():

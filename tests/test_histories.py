@@ -172,7 +172,8 @@ def test_a_unit_that_rests_in_the_laboratory_before_each_run_is_predicted() -> N
         plays = play_paths(path[:, None], radii, np.full(15, 23.0))[50:].mean(axis=1)
         runs.append(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + 2e-3 * (plays - block)), truth=None))
     fitted = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    found = diagnose(fitted, [few_monitors(run) for run in runs[:2]], [few_monitors(runs[2])], black_box=False)
+    *train, test = (few_monitors(run) for run in runs)
+    found = diagnose(fitted, train, [test], window_s=2.5 * Grid.of(train).window_s, black_box=False)
     assert [cause.name for cause in found.causes] == ["thermal_hysteresis"]
     assert found.test is not None
     assert found.test.augmented_rms < 1.3 * found.test.noise_floor_rms

@@ -51,14 +51,14 @@ def made(lag_s: float, *, slope: float = 0.01, rate: float = 0.0, behind: float 
     return runs
 
 
-def asked(runs: list[Recording], *only: str, windows: float = 2.0) -> Diagnosis:
+def asked(runs: list[Recording], *only: str, windows: float = 3.2) -> Diagnosis:
     """On windows so many times as long as by default: the fewer, the sooner."""
     return diagnose(Simulator.from_mapping(STATIC), runs, only=only, window_s=windows * Grid.of(runs).window_s, black_box=False)
 
 
 @functools.cache
 def late() -> Diagnosis:
-    """Of a thermometer that is late by a quarter of a window and nothing else."""
+    """Of a thermometer that is late by a sixth of a window and nothing else."""
     return asked(made(35.0))
 
 
@@ -86,7 +86,7 @@ def test_without_the_term_it_would_be_physics(monkeypatch: pytest.MonkeyPatch) -
     ids=["a lag of the gyro", "a rate that no plausible lag gives", "a rate of the other sign"],
 )
 def test_missing_physics_beside_a_late_thermometer_is_named(missing: dict[str, float], name: str) -> None:
-    found = asked(made(20.0, **missing), "thermal_lag", "temperature_rate", "thermal_gradient", "supply_voltage", windows=4.0)
+    found = asked(made(20.0, **missing), "thermal_lag", "temperature_rate", "thermal_gradient", "supply_voltage", windows=6.0)
     assert [cause.name for cause in found.causes] == [name]
 
 
@@ -111,7 +111,7 @@ def monitored(lag_s: float) -> list[Recording]:
 
 
 def test_any_monitor_may_be_late() -> None:
-    found = asked(monitored(40.0), "thermal_lag")
+    found = asked(monitored(40.0), "thermal_lag", windows=2.0)
     assert (found.verdict, found.decision.drivers, found.decision.memory) == ("unknown", ("humidity_percent",), "static")
     assert [one.name for one in found.members] == ["law:humidity_percent"]
     (lag,) = found.recalibration["late monitor"].values()

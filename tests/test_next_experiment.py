@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rlgcomp.diagnosis import design
+from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.design import distances, expected, next_experiment
 from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.fit import Fit
@@ -28,6 +29,11 @@ def real(missing: dict[str, dict[str, float]]) -> Simulator:
     return Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": NOISE})
 
 
+def asked(simulator: Simulator, runs: list[Recording], *only: str) -> Diagnosis:
+    """On windows 2.5 times as long as by default."""
+    return diagnose(simulator, runs, only=only, window_s=2.5 * Grid.of(runs).window_s, black_box=False)
+
+
 @pytest.fixture(scope="module")
 def one_ramp() -> Recording:
     return real(LAG).simulate("start 20, ramp 50 2, hold 120", step_s=40.0, name="one ramp")
@@ -35,7 +41,7 @@ def one_ramp() -> Recording:
 
 @pytest.fixture(scope="module")
 def found(one_ramp: Recording) -> Diagnosis:
-    return diagnose(BASE, [one_ramp], only=["thermal_lag", "ageing"], black_box=False)
+    return asked(BASE, [one_ramp], "thermal_lag", "ageing")
 
 
 def fits_of(found: Diagnosis, *names: str) -> list[Fit]:
@@ -70,7 +76,7 @@ def test_the_programme_it_proposes_parts_the_sets(found: Diagnosis, one_ramp: Re
     assert promise.code == "diagnosis.next_experiment"
     assert promise.data["expected"] == experiment.expected_probability_after > 0.95
     run = real(LAG).simulate(experiment.profile, seed=1, step_s=40.0, name="next")
-    after = diagnose(BASE, [one_ramp, run], only=["thermal_lag", "ageing"], black_box=False)
+    after = asked(BASE, [one_ramp, run], "thermal_lag", "ageing")
     assert [cause.name for cause in after.causes] == ["thermal_lag"]
     assert after.causes[0].probability > 0.9
 
@@ -78,7 +84,7 @@ def test_the_programme_it_proposes_parts_the_sets(found: Diagnosis, one_ramp: Re
 def test_it_is_told_where_no_programme_parts_the_sets() -> None:
     """In this plant the block's rate and its gradient to the shell are one column."""
     run = real(RATE).simulate("start 20, hold 30, ramp 50 1, hold 60, ramp 20 1, hold 30", step_s=40.0)
-    found = diagnose(BASE, [run], only=["temperature_rate", "thermal_gradient"], black_box=False)
+    found = asked(BASE, [run], "temperature_rate", "thermal_gradient")
     assert found.verdict == "ambiguous"
     assert found.next_experiment is None
     (told,) = [one for one in found.remarks if one.code == "diagnosis.no_programme_parts"]
@@ -107,14 +113,14 @@ def test_a_table_is_told_to_turn_at_other_rates() -> None:
     """At one rate a sensitivity that leans with the angle and the Earth's rate across it are one sine."""
     run = on_table("rate 10 900").between(5.0, 880.0)
     names = ["misalignment", "earth_rate_leak"]
-    found = diagnose(TABLE, [run], only=names, black_box=False)
+    found = asked(TABLE, [run], *names)
     assert found.verdict == "ambiguous"
     assert found.next_experiment is not None
     assert set(found.next_experiment.separates) == set(names)
     assert found.next_experiment.expected_probability_after > 0.95
     programme = TableProgramme.parse(found.next_experiment.profile)
     assert np.abs(programme.corners[1]).max() <= 10.0
-    after = diagnose(TABLE, [run, on_table(found.next_experiment.profile, 2)], only=names, black_box=False)
+    after = asked(TABLE, [run, on_table(found.next_experiment.profile, 2)], *names)
     assert [cause.name for cause in after.causes] == ["misalignment"]
     assert after.causes[0].probability > 0.9
 

@@ -111,7 +111,7 @@ def test_outliers_change_no_diagnosis() -> None:
     gyro = rlg.simulated_unit(1)
     runs = [gyro.simulate("short", seed=seed, step_s=5.0) for seed in (1, 2)]
     simulator = gyro.without("readout_incoherence")
-    few: dict[str, Any] = {"only": ["readout_incoherence", "supply_voltage", "thermal_lag"], "window_s": 240.0, "black_box": False}
+    few: dict[str, Any] = {"only": ["readout_incoherence", "supply_voltage", "thermal_lag"], "window_s": 360.0, "black_box": False}
     found = rlg.diagnose(simulator, train=[struck(runs[0], slice(700, 703), 50.0), runs[1]], **few)
     assert [cause.name for cause in found.causes] == ["readout_incoherence"]
     assert without_gyro_outliers(struck(runs[0], slice(700, 703), 50.0), None)[1][0] in found.remarks

@@ -170,7 +170,7 @@ def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], t
     simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
     held_out = rlg.read(folder / "new.parquet")
     few = {name: rlg.CATALOGUE[name] for name in ("readout_incoherence", "supply_voltage", "thermal_lag")}
-    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], mechanisms=few, window_s=240.0, black_box=False)
+    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], mechanisms=few, window_s=360.0, black_box=False)
     assert "readout_incoherence" in str(diagnosis)
     assert "readout_incoherence" in str(diagnosis.findings)
     page = diagnosis._repr_html_()

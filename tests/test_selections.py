@@ -54,7 +54,7 @@ def diagnosed(*args: Any) -> Diagnosis:
 @pytest.fixture(scope="module")
 def in_one() -> Diagnosis:
     runs = made((0.0, 0.8, 0.0))
-    window_s = 2.0 * Grid.of(runs).window_s
+    window_s = 3.2 * Grid.of(runs).window_s
     return diagnose(rlg.Simulator.from_mapping(BASELINE), runs, [further_run()], only=FEW, window_s=window_s, black_box=False)
 
 

@@ -109,7 +109,7 @@ def test_a_healthy_gyro_beside_a_slow_logger_lacks_nothing() -> None:
             "mechanisms": [{"thermal_polynomial": {"c1_deg_h_K": 0.0004}}],
         }
     )
-    found = diagnose(simulator, runs[:2], runs[2:], black_box=False)
+    found = diagnose(simulator, runs[:2], runs[2:], window_s=150.0, black_box=False)  # by default of 60 s
     assert found.verdict == "none"
     assert "recording.sample_and_hold" in {remark.code for remark in found.remarks}
 

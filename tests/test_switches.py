@@ -31,7 +31,7 @@ def run(seed: int) -> Recording:
 @pytest.fixture(scope="module")
 def found() -> Diagnosis:
     simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 1}}]})
-    return diagnose(simulator, [run(1), run(2)], only=["mode_hop"], window_s=120.0, black_box=False)
+    return diagnose(simulator, [run(1), run(2)], only=["mode_hop"], window_s=190.0, black_box=False)
 
 
 def test_each_hop_has_its_thresholds_and_its_step(found: Diagnosis) -> None:

@@ -26,7 +26,7 @@ def test_a_logarithmic_ageing_has_its_amplitude_of_an_e_fold_and_its_time_consta
         )
         for run in runs_of(Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": noise}))
     ]
-    found = diagnose(BASELINE, runs, only=["ageing"], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    found = diagnose(BASELINE, runs, only=["ageing"], window_s=3.0 * Grid.of(runs).window_s, black_box=False)
     (cause,) = found.causes
     assert cause.equation == "b = k ln(1 + t / time_constant_s)"
     assert set(cause.parameters) == {"k", "time_constant_s"}
@@ -51,7 +51,7 @@ def test_an_equation_that_holds_leaves_no_room_for_another_law() -> None:
         )
         for run in runs_of(Simulator.from_mapping({**plant, "noise": noise}))
     ]
-    found = diagnose(BASELINE, runs, only=["ageing", "warm_up"], black_box=False)
+    found = diagnose(BASELINE, runs, only=["ageing", "warm_up"], window_s=2.5 * Grid.of(runs).window_s, black_box=False)
     assert found.verdict == "explained"
     assert [cause.mechanism.name for cause in found.causes] == ["warm_up"]
 

@@ -120,7 +120,7 @@ def test_the_square_of_something_unrecorded_is_no_random_telegraph() -> None:
     for k, run in enumerate(runs_of(dataclasses.replace(BASELINE, noise=NoiseModel(angle_random_walk_deg_sqrt_h=0.0005)))):
         z = wander(np.random.default_rng(50 + k), len(run), 0.15 * len(run))
         runs.append(Recording(run.table.assign(gyro_deg_h=run["gyro_deg_h"] + 0.02 * z**2), run.metadata))
-    found = diagnose(BASELINE, runs, only=FEW, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    found = diagnose(BASELINE, runs, only=FEW, window_s=3.2 * Grid.of(runs).window_s, black_box=False)
     assert found.verdict == "unknown"
     assert found.messages[0].code == "diagnosis.wander"
     assert not found.to_mapping()["findings"]
