@@ -413,7 +413,7 @@ def test_a_two_state_process_of_unequal_dwells_is_no_gain_of_runs_whose_jumps_no
             path.append(np.full(max(1, round(rng.exponential(180.0 if state else 45.0))), 0.03 if state else -0.03))
             state = not state
         runs.append(run.replace(table=run.table.assign(gyro_deg_h=run.table["gyro_deg_h"] + np.concatenate(path)[: len(run)])))
-    few: dict[str, Any] = {"only": ["supply_voltage"], "window_s": 1.5 * Grid.of(runs).window_s, "black_box": False}
+    few: dict[str, Any] = {"only": ["supply_voltage"], "window_s": 3.0 * Grid.of(runs).window_s, "black_box": False}
     found = diagnose(Simulator.from_mapping(BASELINE), runs[:2], runs[2:], **few)
     assert mechanisms(found) == ["random_telegraph"]
     data = found.before.data

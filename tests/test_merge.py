@@ -249,7 +249,7 @@ def whole_run(time: str) -> list[str]:
     return [f"{t},{w:.6f},{c}" for t, w, c in zip(stamps, rng.normal(size=600), counts, strict=True)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     time=st.sampled_from(["seconds", "milliseconds", "dates", "clock times", "none"]),
     cuts=st.lists(st.integers(5, 595), min_size=1, max_size=4, unique=True).map(sorted),

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
 import rlgcomp as rlg
+from tests.two_hour_runs import BASELINE, REAL, runs_of
 
 DARK = 0.25  # luminance of a text
 GYRO = rlg.simulated_unit(1)
@@ -46,9 +47,10 @@ def evaluation(runs: list[rlg.Recording], model: rlg.Compensator) -> rlg.Evaluat
 
 
 @pytest.fixture(scope="module")
-def diagnosis(runs: list[rlg.Recording]) -> rlg.Diagnosis:
-    few: dict[str, Any] = {"only": ["thermal_hysteresis"], "window_s": 300.0, "black_box": False}  # what is drawn is the matter
-    return rlg.diagnose(GYRO.without("thermal_hysteresis"), train=runs[:2], test=runs[2:], **few)
+def diagnosis() -> rlg.Diagnosis:
+    """Of a gyro of little else: what is drawn is the matter."""
+    *train, test = runs_of(REAL)
+    return rlg.diagnose(BASELINE, train=train, test=[test], only=["supply_voltage"], window_s=80.0, black_box=False)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +75,7 @@ PICTURES = [
     ("analysis", 1, ("averaging time in s", "Allan deviation in deg/h")),
     ("evaluation", 3, ("10⁻³ deg/h", "°C", "time in h")),
     ("compensator", 1, ("rms of the bias that the input makes in training in 10⁻³ deg/h",)),
-    ("diagnosis", 3, ("10⁻³ deg/h", "time in h", "temperature block, °C", "s means in 10⁻³ deg/h")),
+    ("diagnosis", 3, ("10⁻³ deg/h", "time in h", "supply voltage, V", "s means in 10⁻³ deg/h")),
 ]
 
 

@@ -19,7 +19,7 @@ SIMULATOR = Simulator.from_mapping(
         "noise": {"angle_random_walk_deg_sqrt_h": 0.0005},
     }
 )
-FEW = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field", "thermal_hysteresis")}
+FEW = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field", "thermal_lag")}
 
 
 @pytest.fixture(scope="module")

@@ -233,7 +233,8 @@ def test_an_effect_in_the_recordings_is_subtracted_before_the_injection() -> Non
         run.replace(table=run.table.assign(gyro_deg_h=run.column("gyro_deg_h") + 0.1 * (run.column("supply_voltage_V") - 15.0)))
         for run in recordings()
     ]
-    study = sensitivity(simulator, disturbed, "supply_voltage", strengths=(1e-6, 1.5), draws=2, seed=1, catalogue=FEW)
+    few = {name: CATALOGUE[name] for name in ("supply_voltage", "magnetic_field")}
+    study = sensitivity(simulator, disturbed, "supply_voltage", strengths=(1e-6, 1.5), draws=2, seed=1, catalogue=few)
     assert study.remarks[0].code == "challenge.mechanism_before_removed"
     assert study.remarks[0].data == {"mechanism": "supply_voltage"}
     assert all(trial.detected is (trial.strength > 1.0) for trial in study.trials)
