@@ -60,7 +60,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def found(files: Path) -> rlg.Diagnosis:
     runs = [rlg.read(files / f"run{k}.parquet") for k in range(2)]
-    return diagnose_runs(rlg.Simulator.from_yaml(files / "sim.yaml"), runs[:1], runs[1:], only=["supply_voltage"])
+    return diagnose_runs(rlg.Simulator.from_yaml(files / "sim.yaml"), runs[:1], runs[1:], only=["supply_voltage"], window_s=240.0)
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_what_is_written_is_what_was_proved(files: Path, tmp_path: Path) -> None
     """The engine itself: the augmented simulator, read back and asked to predict, leaves what the diagnosis says it leaves."""
     out = tmp_path / "out"
     runs = [files / f"run{k}.parquet" for k in range(3)]
-    few = ["--averaging-s", 120, "--only", "supply_voltage", "readout_incoherence"]
+    few = ["--averaging-s", 240, "--only", "supply_voltage", "readout_incoherence"]
     arguments = ["--train", *runs[:2], "--test", runs[2], *few]
     done = run("diagnose", "--simulator", files / "sim.yaml", *arguments, "--out", out, "--json")
     assert done.exit_code == 0, done.output
