@@ -39,7 +39,7 @@ def loop(values: Array, up: Array, down: Array, weights: Array) -> Array:
     return np.asarray((state - 0.5) @ weights)
 
 
-def diagnosed(column: str, up: Array, down: Array, weights: Array) -> Diagnosis:
+def diagnosed(column: str, up: Array, down: Array, weights: Array, windows: float = 3.0) -> Diagnosis:
     """Of two runs with such a loop of a column, tested on a third."""
     noise = {"angle_random_walk_deg_sqrt_h": 3e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
@@ -52,12 +52,13 @@ def diagnosed(column: str, up: Array, down: Array, weights: Array) -> Diagnosis:
         table["gyro_deg_h"] += loop(table[column].to_numpy(), up, down, weights)
         runs.append(few_monitors(run.replace(table=table, truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    return diagnose(fitted, runs[:2], runs[2:], window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[:2], runs[2:], window_s=windows * Grid.of(runs).window_s, black_box=False)
 
 
 def test_two_relays_far_apart_may_be_hops_or_a_hysteresis() -> None:
     """They were told as a hysteresis with certainty: a ladder had one dead band. No run of the temperature parts the two."""
-    found = diagnosed("temperature_block_degC", np.array([18.0, 36.0]), np.array([12.5, 27.0]), np.array([0.03, 0.02]))
+    up, down, weights = np.array([18.0, 36.0]), np.array([12.5, 27.0]), np.array([0.03, 0.02])
+    found = diagnosed("temperature_block_degC", up, down, weights, windows=2.0)
     (cause,) = found.causes
     assert {cause.name, *cause.indistinguishable_from} == {"thermal_hysteresis", "mode_hop"}
     assert min(found.posterior.of_region("mode_hop"), found.posterior.of_region("thermal_hysteresis")) > 0.02
