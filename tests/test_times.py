@@ -314,6 +314,15 @@ def test_shuffled_rows_are_no_daylight_saving() -> None:
     assert "roll_over" not in by_code(caught.value.findings)
 
 
+def test_rows_that_mostly_fall_are_no_clock_that_begins_again() -> None:
+    """Two halves of a run, each from its last row to its first: the one step forward is no period."""
+    halves = 5.0 * SECONDS.reshape(2, -1)[:, ::-1].ravel()
+    with pytest.raises(UnusableRecordingError) as caught:
+        repaired(halves)
+    assert "time_runs_backwards" in by_code(caught.value.findings)
+    assert "roll_over" not in by_code(caught.value.findings)
+
+
 @pytest.mark.parametrize(("bits", "step"), [(16, "0.01 s"), (16, "10 ms"), (32, "0.0001 s")])
 @pytest.mark.parametrize("first", [0, 60_000])
 def test_a_counter_with_a_stated_step_runs_on_and_keeps_lost_samples(bits: int, step: str, first: int) -> None:
