@@ -14,6 +14,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.evidence import Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.hypotheses import Hypotheses
+from rlgcomp.diagnosis.memories import Relays
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.recent import Recent
 from rlgcomp.diagnosis.screen import Layout, Screen
@@ -178,11 +179,15 @@ class Members:
         return sorted(best, key=lambda one: one[0], reverse=True)
 
     def seeds(self, region: Region, best: tuple[float, Member], given: Conditional, noise: Noise) -> list[tuple[float, Member]]:
-        """From what a form grows: the likeliest that can, and the likeliest of those of one threshold."""
+        """From what a form grows: the likeliest that can, and the likeliest of those of one threshold, of any and of a narrow band.
+
+        A wide band may stand for several thresholds, and none grows from one that does not lead there.
+        """
         assert region.grow is not None  # noqa: S101
         can = [next(iter(region.grow(form)), None) is not None for form in region.forms]
         one = [grows and self._switches_once(form) for grows, form in zip(can, region.forms, strict=True)]
-        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, one))
+        narrow = [single and _is_narrow(form) for single, form in zip(one, region.forms, strict=True)]
+        seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, narrow, one))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
     def grown_from(
@@ -228,6 +233,10 @@ class Members:
     def switches(self, form: Form) -> bool:
         """Whether its leading bases have thresholds."""
         return any("threshold" in basis.parameters() for basis in form.lead)
+
+    def of_thresholds(self, form: Form) -> bool:
+        """Whether all of its leading bases have thresholds."""
+        return all("threshold" in basis.parameters() for basis in form.lead)
 
     def _switches_once(self, form: Form) -> bool:
         """Whether it has one leading column, which has a threshold."""
@@ -328,6 +337,12 @@ class Members:
         values = np.concatenate([point, table.ravel()])
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return log_sum(values) - float(at)
+
+
+def _is_narrow(form: Form) -> bool:
+    """Whether a form of one threshold is a relay with the dead band of a usual hop."""
+    (relay,) = form.lead
+    return isinstance(relay, Relays) and relay.up[0] - relay.down[0] <= priors.WIDEST_DEAD_BAND
 
 
 def log_sum(values: Iterable[float]) -> float:

@@ -335,18 +335,19 @@ class States(Members):
         ----------
         region : Region
         again, fresh : sequence of (float, Member)
-            What has grown from what grew before, and from the region's seeds, of which the last has one threshold.
+            What has grown from what grew before, and from the region's seeds; one of thresholds alone at least.
         others : tuple of Member
         noise : Noise
         """
-        found = max((grown[-1] for grown in (again, fresh) if grown), key=lambda one: one[0])
+        grown = [one for one in (*again, *fresh) if self.of_thresholds(one[1].form)] or [*again, *fresh]
+        found = max(grown, key=lambda one: one[0])
         anew = (region.key not in self._looked_for or not others) and self._near_the_top((*others, found[1]), noise)
         if anew:
             found = self.looked_for_anew(region, found, others, noise)
             self._looked_for.add(region.key)
         if anew or fresh:
-            first = (member.form for _, member in (fresh or again)[:-1])
-            self._grown_forms[region.key] = (*first, found[1].form)
+            others_grown = (member.form for _, member in fresh or again if not self.of_thresholds(member.form))
+            self._grown_forms[region.key] = (*others_grown, found[1].form)
         return found[1]
 
     def _near_the_top(self, members: Set, noise: Noise) -> bool:
