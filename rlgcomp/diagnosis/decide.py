@@ -101,23 +101,29 @@ def decided(posterior: Posterior) -> Decision:
         alike = tuple(sorted(partners, key=lambda other: partners[other], reverse=True))
         without = _dispensable(probability, posterior.without(key) if len(regions) > 1 else 0.0, own)
         named.append(Named(key, region.mechanism, min(probability, 1.0), alike, without))
-    calm = posterior.of_effects.get((regions, ""), 0.0) if regions else 0.0  # the set with nothing unrecorded beside it
-    perhaps_calm = _dispensable(posterior.of_latent(latent), calm, own) if latent else 0.0
+    unrecorded = posterior.of_latent(latent)
+    calm = posterior.of_effects.get((regions, ""), 0.0) if latent and regions else 0.0  # nothing unrecorded beside the set
+    perhaps_calm = _dispensable(unrecorded, calm, own)
     if latent == "telegraph":
-        named.append(Named(TELEGRAPH, TELEGRAPH, min(posterior.of_latent("telegraph"), 1.0), (), perhaps_calm))
+        named.append(Named(TELEGRAPH, TELEGRAPH, min(unrecorded, 1.0), (), perhaps_calm))
     laws = [posterior.regions[one.region] for one in named if one.mechanism is None]
     wanders = latent == "wander"
     drivers = tuple(dict.fromkeys(column for law in laws for column in law.drivers))
-    verdict: Verdict = "explained"
-    if any(one.indistinguishable_from or one.perhaps_nothing for one in named) or (wanders and perhaps_calm):
-        verdict = "ambiguous"
-    mechanisms = any(one.mechanism is not None for one in named)
-    if (wanders and not (mechanisms and perhaps_calm)) or any(
-        one.mechanism is None and not (mechanisms and one.perhaps_nothing) for one in named
-    ):
-        verdict = "unknown"
     memory = laws[0].memory if laws else "none"
+    verdict = _verdict(named, wanders, perhaps_calm > 0.0)
     return Decision(verdict, tuple(named), drivers, memory, wanders, unstated=tuple(unstated))
+
+
+def _verdict(named: Sequence[Named], wanders: bool, perhaps_calm: bool) -> Verdict:
+    """Of what is named, beside something unrecorded that wanders, or perhaps does not.
+
+    What has no name makes physics unknown, unless it may be nothing beside a mechanism.
+    """
+    mechanisms = any(one.mechanism is not None for one in named)
+    surely = [one for one in named if one.mechanism is None and not (mechanisms and one.perhaps_nothing)]
+    if surely or (wanders and not (mechanisms and perhaps_calm)):
+        return "unknown"
+    return "ambiguous" if wanders or any(one.indistinguishable_from or one.perhaps_nothing for one in named) else "explained"
 
 
 def _dispensable(probability: float, without: float, own: float) -> float:

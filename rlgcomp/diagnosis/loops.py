@@ -274,7 +274,7 @@ def as_hops(form: Form, other: Form) -> Form | None:
     relays = _single_relays_of(other, form)
     if relays is None:
         return None
-    possible = all(_band(relay) <= priors.WIDEST_OF_ONE for relay in relays)
+    possible = all(relay.dead_band <= priors.WIDEST_OF_ONE for relay in relays)
     if not possible or not all(_apart(a, b) for a, b in itertools.combinations(relays, 2)):
         return None
     share = form.log_share + (len(relays) - 1) * priors.LOG_HOP
@@ -340,13 +340,9 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
     return grow
 
 
-def _band(relay: Relays) -> float:
-    return relay.up[0] - relay.down[0]
-
-
 def _apart(one: Relays, other: Relays) -> bool:
     """Whether two hops are those of one ladder: where wide dead bands overlap, relays are those of a hysteresis."""
-    wide = max(_band(one), _band(other)) > priors.WIDEST_DEAD_BAND
+    wide = max(one.dead_band, other.dead_band) > priors.WIDEST_DEAD_BAND
     overlap = one.down[0] < other.up[0] and other.down[0] < one.up[0]
     return abs(one.up[0] - other.up[0]) > 1.0 / priors.THRESHOLDS and not (wide and overlap)
 
@@ -355,10 +351,10 @@ def _as_ladder(hops: Sequence[Relays]) -> tuple[Relays, ...]:
     """Hops with the dead bands that they may have beside each other: narrow ones, and wide ones halfway to the next at most."""
     found = []
     for hop in hops:
-        facing = [other for other in hops if other is not hop and priors.WIDEST_DEAD_BAND < max(_band(hop), _band(other))]
+        facing = [other for other in hops if other is not hop and priors.WIDEST_DEAD_BAND < max(hop.dead_band, other.dead_band)]
         low = max((0.5 * (hop.down[0] + other.up[0]) for other in facing if other.up[0] < hop.up[0]), default=-math.inf)
         high = min((0.5 * (hop.up[0] + other.down[0]) for other in facing if other.up[0] > hop.up[0]), default=math.inf)
-        narrow = len(hops) > 1 and _band(hop) <= priors.WIDEST_DEAD_BAND  # a hop that stands alone may widen
+        narrow = len(hops) > 1 and hop.dead_band <= priors.WIDEST_DEAD_BAND  # a hop that stands alone may widen
         widest = priors.WIDEST_DEAD_BAND if narrow else priors.WIDEST_OF_ONE
         found.append(dataclasses.replace(hop, narrowest=0.0, widest=widest, low=low, high=high))
     return tuple(found)

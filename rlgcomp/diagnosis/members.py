@@ -342,7 +342,7 @@ class Members:
 def _is_narrow(form: Form) -> bool:
     """Whether a form of one threshold is a relay with the dead band of a usual hop."""
     (relay,) = form.lead
-    return isinstance(relay, Relays) and relay.up[0] - relay.down[0] <= priors.WIDEST_DEAD_BAND
+    return isinstance(relay, Relays) and relay.dead_band <= priors.WIDEST_DEAD_BAND
 
 
 def log_sum(values: Iterable[float]) -> float:

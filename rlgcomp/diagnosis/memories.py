@@ -79,6 +79,11 @@ class Relays(Basis):
             found |= zip(alike, np.hsplit(relay_states(values, up, down, first), edges), strict=True)
         return [found[basis] for basis in bases]
 
+    @property
+    def dead_band(self) -> float:
+        """Of a single relay, over half the driver's range."""
+        return self.up[0] - self.down[0]
+
     def relays_of(self, run: Run, values: Array) -> tuple[Array, Array, Array]:
         """Thresholds, up and down, and states before a run in which the driver has values."""
         up, down = np.array(self.up), np.array(self.down)
@@ -132,7 +137,7 @@ class Relays(Basis):
 
     def parameters(self) -> dict[str, float]:
         centre, half = self.driver.centre, self.driver.half
-        return {"threshold": centre + half * self.up[0], "dead_band": half * (self.up[0] - self.down[0])}
+        return {"threshold": centre + half * self.up[0], "dead_band": half * self.dead_band}
 
 
 @dataclasses.dataclass(frozen=True)

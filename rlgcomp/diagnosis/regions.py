@@ -62,7 +62,7 @@ def _static(setting: Setting) -> list[Family]:
 def _rate(setting: Setting) -> list[Family]:
     rate = Path.rate(setting.data, setting.temperature)
     leads: list[tuple[Basis, ...]] = [(Power(one),) for one in Path.rates(setting.data, setting.temperature)]
-    odd = (Smooth(rate, 0.5, 8, parity=-1),)
+    odd = departures(rate, parity=-1)
     return [
         Family("b = k dT/dt", leads, odd, 2.0, (Shift,)),
         Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], odd, 1.0, (Shift,)),
@@ -75,7 +75,7 @@ def _rate_magnitude(setting: Setting) -> list[Family]:
     rate, rates = Path.rate(setting.data, setting.temperature), Path.rates(setting.data, setting.temperature)
     leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in rates]
     heating, cooling = ([(Hinge(one, 0.0, side, fixed=True),) for one in rates] for side in (1, -1))
-    even = (Smooth(rate, 0.5, 8, parity=1),)
+    even = departures(rate, parity=1)
     return [
         Family("b = k |dT/dt|", leads, even, 2.0, (Shift,)),
         Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], even, 1.0, (Shift,)),

@@ -33,7 +33,8 @@ _BEAM: Final = 4  # states that are expanded at each size
 _FIRST: Final = 6  # and of one member: what shows only beside another is found from there
 _WITHIN: Final = 14.0  # nats behind the best, beyond which a state is not expanded
 _WITH_WANDER: Final = 3  # sets beside which a wander is tried
-_ALIKE: Final = 12  # that are compared under the same noises
+_ALIKE: Final = 12  # that are compared under the same noises,
+_NOISES: Final = 3  # those of so many of them
 _PAIRS: Final = 2  # of further regions beside one set
 _EXCHANGED: Final = 3  # members of a set of which two are exchanged together
 _LAWS_OF_PAIRS: Final = 8  # laws that are tried in pairs
@@ -68,7 +69,7 @@ class Search(Sharpening):
         """The likeliest sets under the gyro's noise of each other: a climb over the grid ends beside a likelier one at times."""
         ordered = self._ordered()
         near = [state for state in ordered[:_ALIKE] if state.log_posterior > ordered[0].log_posterior - _WITHIN]
-        noises = dict.fromkeys(state.noise.of_gyro for state in near[:_WITH_WANDER])
+        noises = dict.fromkeys(state.noise.of_gyro for state in near[:_NOISES])
         for state in near:
             for noise in noises:
                 found = self.converged(state.members, dataclasses.replace(noise, errors=state.noise.errors))

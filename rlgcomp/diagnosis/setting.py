@@ -45,7 +45,10 @@ class Setting:
         return tuple(float(t) for t in np.geomspace(first, longest * self.data.longest_s, priors.TIME_CONSTANTS))
 
 
-def departures(path: Path, data: Data | None = None) -> tuple[Basis, ...]:
-    """Smooth functions of a path; with the data, each of two columns by itself as well, for their sensors err each by its own."""
+def departures(path: Path, data: Data | None = None, parity: int = 0) -> tuple[Basis, ...]:
+    """Smooth functions of a path, even (1) or odd ones (-1) where a parity is asked for.
+
+    With the data, each of two columns by itself as well, for their sensors err each by its own.
+    """
     each = path.driver.columns if data is not None and len(path.driver.columns) > 1 else ()
-    return (Smooth(path, knots=8, width=0.5), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))
+    return (Smooth(path, 0.5, 8, parity), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))

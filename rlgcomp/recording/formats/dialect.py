@@ -406,7 +406,7 @@ def _signs(separator: str, lines: Sequence[str]) -> tuple[str | None, str | None
     if between is not None and seen in (None, between):
         seen = "," if between == "." else "."
     elif doubtful and not shown:
-        findings.append(Finding("noted", message("recording.perhaps_thousands", grouped=doubtful[1], whole=doubtful[2])))
+        findings.append(Finding("noted", message("recording.perhaps_thousands", grouped=doubtful[0], whole=doubtful[1])))
     if seen == ",":
         findings.append(Finding("noted", message("recording.decimal_comma")))
     return seen, between, findings
@@ -416,11 +416,11 @@ def _is_fraction(entry: str) -> bool:
     return bool(_FRACTION.fullmatch(entry) or _COMMA.fullmatch(entry))
 
 
-def _between_thousands(rows: Sequence[Sequence[str]]) -> tuple[str | None, tuple[str, str, str] | None]:
+def _between_thousands(rows: Sequence[Sequence[str]]) -> tuple[str | None, tuple[str, str] | None]:
     """The point or comma that stands between thousands, as a column shows that increases by it alone, such as 980, 990, 1.000.
 
-    Besides, where no column shows it, the sign of one of whole numbers and of numbers with three digits behind it, such as 0 and
-    1.000, and the first of both.
+    Besides, where no column shows it, the first number with three digits behind a sign and the first whole one of a column that has
+    both, such as 1.000 and 0.
     """
     doubtful = None
     width = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
@@ -438,7 +438,7 @@ def _between_thousands(rows: Sequence[Sequence[str]]) -> tuple[str | None, tuple
         with_point, without = ([float(entry.replace(sign, as_this)) for entry in counts] for as_this in (".", ""))
         if _increases(without) and not _increases(with_point):
             return sign, None
-        doubtful = doubtful or (sign, grouped[0], whole[0])
+        doubtful = doubtful or (grouped[0], whole[0])
     return None, doubtful
 
 

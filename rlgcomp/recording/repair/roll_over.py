@@ -82,7 +82,7 @@ def roll_overs(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     known = np.flatnonzero(np.isfinite(time_s))
     steps = np.diff(time_s[known])
     falls = np.flatnonzero(steps < 0.0)
-    if not len(falls) or not float(np.median(steps)) > 0.0:  # most rows fall: they are out of order
+    if not len(falls) or np.median(steps) <= 0.0:  # most rows fall: they are out of order
         return table
     period_s = float(np.median(steps[steps > 0.0]))
     count_s = abs(context.converters[TIME].size) if TIME in context.converters else None
