@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import rlgcomp
+import rlgcomp.diagnosis
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording.formats import FORMATS
@@ -111,6 +113,17 @@ def test_files_import_each_other_in_no_circle() -> None:
     imports = {module: (_imported_files(module) & set(MODULES)) - {module} for module in MODULES}
     circles = [{module.removeprefix("rlgcomp.") for module in circle} for circle in _circles(imports)]
     assert not circles
+
+
+def test_the_list_of_diagnosis_has_every_module_once_and_in_the_order_of_imports() -> None:
+    listed = re.findall(r"^    (\w+)  ", rlgcomp.diagnosis.__doc__, re.MULTILINE)
+    assert sorted(listed) == sorted(_names_in("diagnosis"))
+    later = {}
+    for module in (name for name in MODULES if name.startswith("rlgcomp.diagnosis.")):
+        of = module.split(".")[2]
+        imported = {name.split(".")[2] for name in _imported_files(module) if name.startswith("rlgcomp.diagnosis.")}
+        later |= {module: {name for name in imported if listed.index(name) > listed.index(of)}}
+    assert not {module: names for module, names in later.items() if names}
 
 
 def test_the_top_level_has_few_modules() -> None:
