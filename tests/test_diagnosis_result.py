@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -354,6 +355,13 @@ def test_it_states_when_and_how_it_was_made(found: Diagnosis) -> None:
     assert content == found.to_mapping()
     assert content["provenance"]["seed"] == 0
     assert {"version", "date", "command", "inputs"} <= set(content["provenance"])
+
+
+def test_every_key_stands_on_the_page_of_the_reference(found: Diagnosis) -> None:
+    page = (Path(__file__).parents[1] / "docs/reference/diagnosis_json.md").read_text(encoding="utf-8")
+    cells = " ".join(row.split(" | ")[0] for row in page.splitlines() if row.startswith("| `"))
+    told = {name.split(".")[0] for name in re.findall(r"`([\w.]+)", cells)}
+    assert not set(found.to_mapping()) - told
 
 
 def test_places_are_told_in_the_unit_of_the_run(found: Diagnosis) -> None:
