@@ -21,7 +21,7 @@ from experiments.work import import_all
 PAGE = """# A second attack
 
 Printed by `python -m experiments.attack`, which shares nothing with the harnesses of [fuzz.md](fuzz.md), [faults.md](faults.md) and
-[silent_faults.md](../silent_faults.md): files are made from random parts, grafted or spliced instead of mutated, and whole commands
+[silent_faults.md](silent_faults.md): files are made from random parts, grafted or spliced instead of mutated, and whole commands
 read them in processes of their own; kills and failing calls hit the n-th change that a command makes to the file system instead of a
 moment; and the silent faults are those of a gyro that the package did not simulate.
 """
