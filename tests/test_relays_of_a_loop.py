@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +20,7 @@ from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.drivers import Driver
 from rlgcomp.diagnosis.loops import as_hops, as_relays
 from rlgcomp.diagnosis.memories import Relays
-from rlgcomp.diagnosis.terms import Form
+from rlgcomp.diagnosis.terms import Form, log_odds_of_more
 from rlgcomp.numerics.relays import Start
 from tests.few_monitors import few_monitors
 
@@ -112,11 +114,27 @@ def test_relays_of_one_dead_band_are_a_ladder_and_a_hysteresis_alike(count: int,
     as_loop = as_relays(one_loop, hops)
     assert as_loop is not None
     assert [(r.up, r.down, r.start, r.opposite) for r in as_loop.lead] == [(r.up, r.down, r.start, r.opposite) for r in hops.lead]
-    assert as_loop.log_share == pytest.approx(-3.0 + (len(levels) - 1) * priors.LOG_RELAY)
+    assert as_loop.log_share == pytest.approx(-3.0 + log_odds_of_more(1, len(levels) - 1, priors.RELAYS))
     again = as_hops(form("mode_hop", relay(0.0, 0.0)), as_loop)
     assert again is not None
     assert [(r.up, r.down) for r in again.lead] == [(r.up, r.down) for r in hops.lead]
     assert all(r.narrowest <= r.up[0] - r.down[0] <= r.widest for r in again.lead)
+
+
+@pytest.mark.parametrize("members", [1, 2, 3, 4])
+def test_members_of_a_form_have_no_order(members: int) -> None:
+    """Of all ways to draw so many places one after the other, those that give one set of places are counted one by one."""
+    places, wanted = 6, set(range(members))
+    drawn = [set(draw) == wanted for draw in itertools.product(range(places), repeat=members)]
+    of_number = priors.MORE_STEPS**members
+    assert log_odds_of_more(0, members, places) == pytest.approx(math.log(of_number * np.mean(drawn)))
+
+
+@given(members=st.integers(1, 30), more=st.integers(1, 10), places=st.integers(1, 1000))
+def test_a_member_more_and_one_less_are_as_likely_as_before(members: int, more: int, places: int) -> None:
+    there = log_odds_of_more(members, more, places)
+    assert there == pytest.approx(sum(log_odds_of_more(members + k, 1, places) for k in range(more)), abs=1e-9)
+    assert there + log_odds_of_more(members + more, -more, places) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_wide_dead_bands_of_a_ladder_overlap_none_and_none_is_wider_than_half_of_half_the_range() -> None:

@@ -27,7 +27,7 @@ from rlgcomp.diagnosis.memories import (
     plane,
 )
 from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.terms import Family, Form
+from rlgcomp.diagnosis.terms import Family, Form, log_odds_of_more
 
 _DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3))  # radius and smoothness
 _HISTORIES: Final = 4  # columns a run of what was before it, beside a smooth density
@@ -181,8 +181,9 @@ def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterato
     every = _single_relays(driver, runs, priors.FURTHER_RELAYS)
 
     def grow(form: Form) -> Iterator[Form]:
-        if sum(_is_single(basis) for basis in form.lead) < priors.MOST_STEPS:
-            share = form.log_share + priors.LOG_RELAY
+        relays = sum(_is_single(basis) for basis in form.lead)
+        if relays < priors.MOST_STEPS:
+            share = form.log_share + log_odds_of_more(relays, 1, priors.RELAYS)
             for more in every:
                 if more not in form.lead:
                     yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
@@ -223,14 +224,14 @@ def one_history(runs: Sequence[Run]) -> Callable[[Form], list[Form]]:
     return share
 
 
-def fewer_relays(log_share: float) -> Callable[[Form], Iterator[Form]]:
-    """Forms with one relay less, where something is left; the prior of one more has been this."""
+def fewer_relays(places: int) -> Callable[[Form], Iterator[Form]]:
+    """Forms with one relay less, where something is left, of relays that may be at so many places."""
 
     def shrink(form: Form) -> Iterator[Form]:
-        for k, basis in enumerate(form.lead):
-            if len(form.lead) > 1 and _is_single(basis):
-                lead = (*form.lead[:k], *form.lead[k + 1 :])
-                yield dataclasses.replace(form, lead=lead, log_share=form.log_share - log_share)
+        relays = [k for k, basis in enumerate(form.lead) if _is_single(basis)]
+        for k in relays if len(form.lead) > 1 else ():
+            share = form.log_share + log_odds_of_more(len(relays), -1, places)
+            yield dataclasses.replace(form, lead=(*form.lead[:k], *form.lead[k + 1 :]), log_share=share)
 
     return shrink
 
@@ -249,7 +250,8 @@ def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
             return None
         own = [dataclasses.replace(one, up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
         lead = tuple(dict.fromkeys((*form.lead, *own)))
-        share = form.log_share + (len(lead) - len(form.lead)) * priors.LOG_RELAY
+        members = sum(_is_single(basis) for basis in form.lead)
+        share = form.log_share + log_odds_of_more(members, len(lead) - len(form.lead), priors.RELAYS)
         return dataclasses.replace(form, lead=lead, log_share=share) if len(lead) <= priors.MOST_STEPS else None
 
     return absorb
@@ -266,7 +268,8 @@ def as_relays(form: Form, other: Form) -> Form | None:
         )
         for relay in relays
     )
-    return dataclasses.replace(form, lead=lead, log_share=form.log_share + (len(lead) - 1) * priors.LOG_RELAY)
+    share = form.log_share + log_odds_of_more(1, len(lead) - 1, priors.RELAYS)
+    return dataclasses.replace(form, lead=lead, log_share=share)
 
 
 def as_hops(form: Form, other: Form) -> Form | None:
@@ -277,7 +280,7 @@ def as_hops(form: Form, other: Form) -> Form | None:
     possible = all(relay.dead_band <= priors.WIDEST_OF_ONE for relay in relays)
     if not possible or not all(_apart(a, b) for a, b in itertools.combinations(relays, 2)):
         return None
-    share = form.log_share + (len(relays) - 1) * priors.LOG_HOP
+    share = form.log_share + log_odds_of_more(1, len(relays) - 1, priors.HOPS)
     return dataclasses.replace(form, lead=_as_ladder(relays), log_share=share)
 
 
@@ -330,7 +333,7 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
         ladder = [basis for basis in form.lead if isinstance(basis, Relays) and len(basis.up) == 1]
         if len(ladder) < len(form.lead) or len(ladder) >= priors.MOST_STEPS:
             return
-        share = form.log_share + priors.LOG_HOP
+        share = form.log_share + log_odds_of_more(len(ladder), 1, priors.HOPS)
         for level, band in itertools.product(levels, (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS)):
             more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=())
             if all(_apart(more, relay) for relay in ladder):

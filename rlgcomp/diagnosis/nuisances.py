@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.bases import Constant, EachRun, Moment, Own
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.lateness import late_regions
 from rlgcomp.diagnosis.selections import amplitudes_by_run
-from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
+from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of, log_odds_of_more
 
 STEP: Final = "bias step"
 RUN_BIAS: Final = "run bias"
@@ -63,7 +63,7 @@ def _more_steps(steps: Sequence[Form]) -> Callable[[Form], Iterator[Form]]:
     def grow(form: Form) -> Iterator[Form]:
         if len(form.lead) < _MOST:
             for step in steps:
-                share = form.log_share + step.log_share + math.log(priors.MORE_STEPS)
+                share = form.log_share + log_odds_of_more(len(form.lead), 1, len(steps))
                 yield dataclasses.replace(form, lead=(*form.lead, *step.lead), log_share=share)
 
     return grow
@@ -75,7 +75,7 @@ def _fewer_steps(steps: Sequence[Form]) -> Callable[[Form], Iterator[Form]]:
     def shrink(form: Form) -> Iterator[Form]:
         if len(form.lead) > 1:
             for k in range(len(form.lead)):
-                share = form.log_share - steps[0].log_share - math.log(priors.MORE_STEPS)
+                share = form.log_share + log_odds_of_more(len(form.lead), -1, len(steps))
                 yield dataclasses.replace(form, lead=(*form.lead[:k], *form.lead[k + 1 :]), log_share=share)
 
     return shrink

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -116,10 +115,10 @@ RELAY_LEVELS: Final = 13
 FURTHER_RELAYS: Final = 41
 """The same for one relay more."""
 MORE_STEPS: Final = 0.7
-"""Odds of one more hop of a ladder, or of one more relay."""
-LOG_HOP: Final = math.log(MORE_STEPS / (THRESHOLDS * len((*DEAD_BANDS, *WIDE_DEAD_BANDS))))
-LOG_RELAY: Final = math.log(MORE_STEPS / (FURTHER_RELAYS * (FURTHER_RELAYS - 1) / 2))
-"""Log prior of one more hop at its level with its dead band, and of one more relay of a hysteresis at its place in the plane."""
+"""Odds of one more hop of a ladder, of one more relay, lag, order of an angle, or step of the bias."""
+HOPS: Final = THRESHOLDS * len((*DEAD_BANDS, *WIDE_DEAD_BANDS))
+RELAYS: Final = FURTHER_RELAYS * (FURTHER_RELAYS - 1) // 2
+"""Places of one more hop, at a level with a dead band, and of one more relay of a hysteresis, in the plane."""
 MOST_STEPS: Final = 30
 """Members of a ladder, or relays, that are sought one by one."""
 

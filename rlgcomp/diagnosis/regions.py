@@ -34,7 +34,7 @@ from rlgcomp.diagnosis.nonlinearities import Hinge, nonlinear, symmetric
 from rlgcomp.diagnosis.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.setting import Setting, departures
 from rlgcomp.diagnosis.symmetries import about_zero, symmetric_laws
-from rlgcomp.diagnosis.terms import WANDER, Family, Form, MemoryClass, Region, forms_of
+from rlgcomp.diagnosis.terms import WANDER, Family, Form, MemoryClass, Region, forms_of, log_odds_of_more
 from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.waves import harmonics, lines, wanders
 from rlgcomp.physics import CATALOGUE
@@ -122,7 +122,7 @@ def _more_lags(setting: Setting) -> Callable[[Form], Iterator[Form]]:
                 first = form.lead[0]
                 assert isinstance(first, Lag)  # noqa: S101
                 more = Lag(first.driver, time_s, times[1] / times[0])
-                share = form.log_share + math.log(priors.MORE_STEPS / len(times))
+                share = form.log_share + log_odds_of_more(len(form.lead), 1, len(times))
                 yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
     return grow
@@ -213,7 +213,7 @@ _GROW: Final = {
     "thermal_lag": _more_lags,
     "mode_hop": more_hops,
 }
-_SHRINK: Final = {"thermal_hysteresis": fewer_relays(priors.LOG_RELAY), "mode_hop": fewer_relays(priors.LOG_HOP)}
+_SHRINK: Final = {"thermal_hysteresis": fewer_relays(priors.RELAYS), "mode_hop": fewer_relays(priors.HOPS)}
 _ABSORB: Final = {"thermal_hysteresis": with_relays}
 _ADOPT: Final = {"thermal_hysteresis": as_relays, "mode_hop": as_hops}
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
@@ -346,7 +346,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
                 *reversible(driver, priors.LAW_LEVELS),
             ]
             forms = forms_of(f"loop:{column}", families)
-            grow, shrink = more_relays(driver, setting.data.runs), fewer_relays(priors.LOG_RELAY)
+            grow, shrink = more_relays(driver, setting.data.runs), fewer_relays(priors.RELAYS)
             again = one_history(setting.data.runs)
             yield Region(
                 f"loop:{column}",

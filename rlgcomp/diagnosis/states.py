@@ -299,11 +299,11 @@ class States(Members):
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         white = self.calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
-        reach = WITHIN_REACH if others else _ALONE
+        region, given = self.regions[own.form.region], self.given(white, others)
+        reach = WITHIN_REACH if others else math.inf if self._may_be_of(region) else _ALONE
         if known in self._grown or state.log_posterior < self.top - reach:
             return []
         self._grown.add(known)
-        region, given = self.regions[own.form.region], self.given(white, others)
         best = self.best_of_region(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
@@ -349,6 +349,13 @@ class States(Members):
             others_grown = (member.form for _, member in fresh or again if not self.of_thresholds(member.form))
             self._grown_forms[region.key] = (*others_grown, found[1].form)
         return found[1]
+
+    def _may_be_of(self, region: Region) -> bool:
+        """Whether the likeliest set is a sum of relays that may be this region's; alone, it grows however far it is behind."""
+        likeliest = max(self.visited.values(), key=lambda state: state.log_posterior)
+        return region.adopt is not None and any(
+            self.regions[member.form.region].adopt is not None and self.of_thresholds(member.form) for member in likeliest.members
+        )
 
     def _near_the_top(self, members: Set, noise: Noise) -> bool:
         """Whether a set may become the likeliest; what is far behind is not looked for anew."""

@@ -11,6 +11,7 @@ from typing import Final, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.hashed import Hashed
 
@@ -149,6 +150,23 @@ class Family:
     smooth: tuple[Basis, ...] = ()
     weight: float = 1.0
     own: tuple[Callable[[Basis], Basis], ...] = ()
+
+
+def log_odds_of_more(members: int, more: int, places: int) -> float:
+    r"""Log odds of a form with further members, each at one of some places: :math:`q^m (n + m)! / (n! N^m)`, m more beside n.
+
+    Members have no order: those of one form may have been chosen one after the other in as many ways as there are orders.
+
+    Parameters
+    ----------
+    members : int
+        That the form has, of this kind; n.
+    more : int
+        Further ones; m. Negative: so many less.
+    places : int
+        N.
+    """
+    return more * math.log(priors.MORE_STEPS / places) + math.lgamma(members + more + 1) - math.lgamma(members + 1)
 
 
 def forms_of(region: str, families: Iterable[Family]) -> tuple[Form, ...]:

@@ -20,7 +20,7 @@ from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth, gaussian_process
 from rlgcomp.diagnosis.data import Data, Run, Within
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of
+from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of, log_odds_of_more
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
@@ -234,7 +234,7 @@ def _more_orders(form: Form) -> Iterator[Form]:
     if len(form.lead) >= _MOST or not isinstance(first, Own):
         return
     taken = {order for basis in form.lead if isinstance(basis, Own) for order in basis.mechanism.orders}
-    share = form.log_share + math.log(priors.MORE_STEPS / _ORDERS)
+    share = form.log_share + log_odds_of_more(len(form.lead) - 1, 1, _ORDERS)
     for order in sorted(set(range(2, _ORDERS + 1)) - taken):
         more = Own(RotationHarmonics(order_1=order, scaling=first.mechanism.scaling, taken=first.mechanism.taken))
         yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
