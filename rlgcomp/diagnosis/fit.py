@@ -153,52 +153,50 @@ class Fit:
                 Estimate(float(value), float(sd), unit) if at is None else Estimate(at * (1.0 + value), abs(at) * float(sd), unit)
             )
             found.setdefault(name, {})[parameter] = estimate
-        for k, (member, bases) in enumerate(self.parts):
-            at = sum(self._width(j) for j in range(k))
-            (lead, scale), *_ = bases
-            if isinstance(lead, Own) and lead.column is not None:
-                parameter = lead.mechanism.amplitude_parameters()[lead.column]
-                change, sd = (float(v) * scale for v in (self.solution.weights[at], math.sqrt(self.solution.covariance[at, at])))
-                value = getattr(lead.mechanism, parameter.name) + change
-                found.setdefault(lead.mechanism.name, {})[parameter.name] = Estimate(value, sd, parameter.unit)
-            elif isinstance(lead, EachRun) and isinstance(lead.basis, Constant):
-                for j, run in enumerate(lead.runs):
-                    value, sd = self.solution.weights[at + j] * scale, math.sqrt(self.solution.covariance[at + j, at + j]) * scale
-                    found.setdefault(member.form.region, {})[run] = Estimate(float(value), float(sd), "deg/h")
-            elif isinstance(lead, EachRun) and member.form.region.endswith(BY_RUN):
-                at_once = slice(at, at + len(lead.runs))
-                about = (
-                    (np.eye(len(lead.runs)) - 1.0 / len(lead.runs)) * scale * lead.basis.per_unit()
-                )  # the mean is the simulator's
-                spread = np.sqrt(np.diag(about @ self.solution.covariance[at_once, at_once] @ about.T))
-                unit = parameter_by_run(member.form.region, self.baseline).unit
-                for run, one, sd in zip(lead.runs, about @ self.solution.weights[at_once], spread, strict=True):
-                    found.setdefault(member.form.region, {})[run] = Estimate(float(one), float(sd), unit)
-            elif member.form.region == CLOCK:
-                inner = lead.basis if isinstance(lead, EachRun) else lead
-                assert isinstance(inner, Offset)  # noqa: S101
-                for j, run in enumerate(lead.runs if isinstance(lead, EachRun) else ("all runs",)):
-                    value, sd = self.solution.weights[at + j], math.sqrt(self.solution.covariance[at + j, at + j])
-                    offset = Estimate(float(value * scale * inner.offset_s), float(sd * scale * abs(inner.offset_s)), "s")
-                    found.setdefault(CLOCK, {})[run] = offset
-            elif isinstance(lead, Late):
-                window_s = scale * self.data.runs[0].grid.window_s
-                lag_s, sd = self.solution.weights[at] * window_s, math.sqrt(self.solution.covariance[at, at]) * window_s
-                kind = LATE_THERMOMETER if diffuses(lead.column) else LATE_MONITOR
-                found.setdefault(kind, {})[lead.column] = Estimate(float(lag_s), float(sd), "s")
+        for k in range(len(self.parts)):
+            name, more = self._stated(k)
+            if more:
+                found.setdefault(name, {}).update(more)
         return found
+
+    def _stated(self, k: int) -> tuple[str, dict[str, Estimate]]:
+        """Numbers of what is no physics in the k-th member, and the name they stand under; none of any other member."""
+        member, ((lead, scale), *_) = self.parts[k]
+        region, weights, covariance = member.form.region, self.weights(k), self.covariance(k)
+        (value, *_), (sd, *_) = values, sds = (scale * weights).tolist(), (np.sqrt(np.diag(covariance)) * scale).tolist()
+        match lead:
+            case Own(column=int(column)):
+                parameter = lead.mechanism.amplitude_parameters()[column]
+                fitted = getattr(lead.mechanism, parameter.name) + value
+                return lead.mechanism.name, {parameter.name: Estimate(fitted, sd, parameter.unit)}
+            case EachRun(basis=Constant()):
+                each = zip(lead.runs, values, sds, strict=False)
+                return region, {run: Estimate(one, sd, "deg/h") for run, one, sd in each}
+            case EachRun() if region.endswith(BY_RUN):
+                n, unit = len(lead.runs), parameter_by_run(region, self.baseline).unit
+                about = (np.eye(n) - 1.0 / n) * scale * lead.basis.per_unit()  # the mean is the simulator's
+                spread = np.sqrt(np.diag(about @ covariance[:n, :n] @ about.T)).tolist()
+                each = zip(lead.runs, (about @ weights[:n]).tolist(), spread, strict=True)
+                return region, {run: Estimate(one, sd, unit) for run, one, sd in each}
+            case Offset(offset_s=offset_s) | EachRun(basis=Offset(offset_s=offset_s)):
+                each = zip(lead.runs if isinstance(lead, EachRun) else ("all runs",), values, sds, strict=False)
+                return CLOCK, {run: Estimate(one * offset_s, sd * abs(offset_s), "s") for run, one, sd in each}
+            case Late():
+                window_s = scale * self.data.runs[0].grid.window_s
+                kind = LATE_THERMOMETER if diffuses(lead.column) else LATE_MONITOR
+                return kind, {lead.column: Estimate(float(weights[0] * window_s), math.sqrt(covariance[0, 0]) * window_s, "s")}
+        return region, {}
 
     @property
     def steps(self) -> list[dict[str, object]]:
         """Steps of the bias: run, time and size."""
         found: list[dict[str, object]] = []
         for k, (_, bases) in enumerate(self.parts):
-            at = sum(self._width(j) for j in range(k))
+            weights, covariance = self.weights(k), self.covariance(k)
             for j, (basis, scale) in enumerate(bases):
                 if isinstance(basis, Moment):
                     start = next(float(run.binned.time_s[0]) for run in self.data.runs if run.name == basis.run)
-                    sd = math.sqrt(self.solution.covariance[at + j, at + j]) * scale
-                    size = Estimate(float(self.solution.weights[at + j] * scale), sd, "deg/h")
+                    size = Estimate(float(weights[j] * scale), math.sqrt(covariance[j, j]) * scale, "deg/h")
                     found.append({"run": basis.run, "at_s": start + basis.at_s, "size": size.to_mapping()})
         return found
 
@@ -206,10 +204,8 @@ class Fit:
 
     def term(self, k: int, run: Run) -> Array:
         """What the k-th member does in a run, shape (bins,)."""
-        at = sum(self._width(j) for j in range(k))
-        weights = self.solution.weights[at : at + self._width(k)]
         table = np.hstack([scale * basis.columns(run) for basis, scale in self.parts[k][1]])
-        return np.asarray(table @ weights)
+        return np.asarray(table @ self.weights(k))
 
     def inside(self, k: int) -> slice:
         """Places of the k-th member's weights among all."""
@@ -219,6 +215,10 @@ class Fit:
     def weights(self, k: int) -> Array:
         """Weights of the k-th member's bases, shape (m,)."""
         return self.solution.weights[self.inside(k)]
+
+    def covariance(self, k: int) -> Array:
+        """Of these weights, shape (m, m)."""
+        return self.solution.covariance[self.inside(k), self.inside(k)]
 
     def _width(self, k: int) -> int:
         return sum(self.bank.columns(basis).shape[1] for basis, _ in self.parts[k][1])
@@ -251,26 +251,19 @@ class Fit:
 
     # --- parameters ------------------------------------------------------------------------------------------------------------
 
-    def parameters(self, k: int, mechanism: type[Mechanism] | None) -> dict[str, Estimate]:
-        """Weight of the leading basis, where it is one, and its shapes in the mechanism's own names: a part of what is found."""
+    def parameters(self, k: int, mechanism: type[Mechanism]) -> dict[str, float]:
+        """Weights of the leading basis, where it is one, and its shapes in the mechanism's own names: a part of what is found."""
         member, bases = self.parts[k]
-        if mechanism is None or len(member.form.lead) != 1 or not member.form.lead[0].of_mechanism:
+        if len(member.form.lead) != 1 or not member.form.lead[0].of_mechanism:
             return {}
-        (lead,) = member.form.lead
-        declared = mechanism.parameters()
-        amplitudes = [parameter for parameter in declared if parameter.role == "amplitude"]
-        columns = self.bank.columns(lead).shape[1]
-        found = {}
-        at = sum(self._width(j) for j in range(k))
-        scale = bases[0][1] * lead.per_unit()
-        if columns <= len(amplitudes):
-            for j, parameter in enumerate(amplitudes[:columns]):
-                sd = math.sqrt(self.solution.covariance[at + j, at + j]) * scale
-                found[parameter.name] = Estimate(float(self.solution.weights[at + j] * scale), sd, parameter.unit)
+        (lead,), (_, scale) = member.form.lead, bases[0]
+        declared, count = mechanism.parameters(), self.bank.columns(lead).shape[1]
+        amplitudes = [parameter.name for parameter in declared if parameter.role == "amplitude"]
+        if count > len(amplitudes):
+            return {}
+        found = dict(zip(amplitudes, (self.weights(k)[:count] * (scale * lead.per_unit())).tolist(), strict=False))
         for name, value in lead.parameters().items():
-            same = next((parameter for parameter in declared if parameter.name.startswith(name)), None)
-            if same is not None and columns <= len(amplitudes):
-                found[same.name] = Estimate(value, self.spread(k, name, value), same.unit)
+            found |= next(({same.name: value} for same in declared if same.name.startswith(name)), {})
         return found
 
     def projected(self, columns: Array) -> Array:

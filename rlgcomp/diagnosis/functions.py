@@ -98,13 +98,12 @@ def _plain(basis: Basis) -> Basis:
 def _tabulated(fit: Fit, k: int, columns: Mapping[int, Array], about: Mapping[int, Array] | None = None) -> tuple[Array, Array]:
     """Mean and standard deviation of a table of some of the bases of a member, by their numbers."""
     _, bases = fit.parts[k]
-    inside = fit.inside(k)
     edges = np.cumsum([0, *(fit.bank.columns(basis).shape[1] for basis, _ in bases)])
     places = np.concatenate([np.arange(edges[j], edges[j + 1]) for j in columns])
     table = np.hstack([columns[j] * bases[j][1] for j in columns])
     if about is not None:
         table = table - np.hstack([about[j] * bases[j][1] for j in columns])
-    weights, covariance = fit.solution.weights[inside][places], fit.solution.covariance[inside, inside][np.ix_(places, places)]
+    weights, covariance = fit.weights(k)[places], fit.covariance(k)[np.ix_(places, places)]
     return np.asarray(table @ weights), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table, covariance, table), 0.0))
 
 

@@ -71,8 +71,7 @@ class _Nearest(NamedTuple):
 
 def _nearest(fit: Fit, k: int, columns: Array) -> _Nearest:
     """Coefficients of window means of columns, shape (n, e), with which they come nearest to the k-th member."""
-    inside = fit.inside(k)
-    covariance = fit.solution.covariance[inside, inside]
+    covariance = fit.covariance(k)
     projected = fit.projected(np.hstack([columns, *(scale * fit.bank.columns(basis) for basis, scale in fit.parts[k][1])]))
     if runs := runs_of(fit.parts[k][0].form):  # the constant of some runs is not the baseline's
         constant = fit.projected(fit.data.means(lambda run: np.full((run.bins, 1), float(run.name in runs))))

@@ -215,10 +215,9 @@ def _course(fit: Fit, member: int | None, run: Run, rows: slice) -> tuple[Array,
         assert seen is not None  # noqa: S101
         path = seen.path[rows][: len(run.windows)]
         return seen.half_step * (path - seen.path.mean()), seen.half_step * np.sqrt(np.maximum(1.0 - path**2, 0.0))
-    inside = fit.inside(member)
     table = run.window_means(np.hstack([scale * basis.columns(run) for basis, scale in fit.parts[member][1]]))
-    covariance = fit.solution.covariance[inside, inside]
-    return table @ fit.solution.weights[inside], np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table, covariance, table), 0.0))
+    covariance = fit.covariance(member)
+    return table @ fit.weights(member), np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", table, covariance, table), 0.0))
 
 
 def _data_of(

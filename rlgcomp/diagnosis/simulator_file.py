@@ -187,10 +187,9 @@ def _named(fit: Fit, k: int, part: tuple[Basis, Array], form: type[Mechanism]) -
         values = {p.name: float(w) for p, w in zip(amplitudes, weights, strict=True)}
         point = _checked(basis.mechanism, values)
         return None if point is None else (point, 0.0)
-    estimates = fit.parameters(k, form)
-    if not estimates:
+    values = fit.parameters(k, form)
+    if not values:
         return None
-    values = {key: one.value for key, one in estimates.items()}
     wanted = fit.bank.columns(basis) @ weights
     scale = max(fit.white, float(np.std(wanted))) if isinstance(basis, Followed) else fit.white
     best: tuple[float, Mechanism, float] | None = None

@@ -56,7 +56,7 @@ def switches_of(fit: Fit, k: int, unit: str) -> tuple[Switch, ...]:
     relays = [(basis, scale) for basis, scale in leading if isinstance(basis, Relays)]
     if not relays or len(relays) < len(leading) or sum(len(basis.up) for basis, _ in relays) > _MOST:
         return ()
-    weights, covariance = fit.weights(k), fit.solution.covariance[fit.inside(k), fit.inside(k)]
+    weights, covariance = fit.weights(k), fit.covariance(k)
     found, at = [], 0
     for basis, scale in relays:
         driver = basis.driver

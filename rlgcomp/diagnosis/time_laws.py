@@ -27,9 +27,9 @@ def time_law_of(fit: Fit, k: int) -> dict[str, Estimate]:
     law = in_all_runs(bases[0][0]) if bases else None
     if len(form.lead) != 1 or not isinstance(law, Since) or law.of_mechanism:
         return {}
-    (lead,), at = form.lead, fit.inside(k).start
-    size = float(fit.solution.weights[at] * bases[0][1])
-    variance = float(fit.solution.covariance[at, at]) * bases[0][1] ** 2
+    (lead,), (_, scale) = form.lead, bases[0]
+    size = float(fit.weights(k)[0] * scale)
+    variance = float(fit.covariance(k)[0, 0]) * scale**2
     shapes = {
         name: Estimate(value, fit.spread(k, name, value), "s" if name.endswith("_s") else "")
         for name, value in law.parameters().items()
