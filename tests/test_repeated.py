@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rlgcomp.challenge.injection import injected
-from rlgcomp.diagnosis.diagnose import Repeated, diagnose
+from rlgcomp.challenge.repeated import Repeated
+from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator

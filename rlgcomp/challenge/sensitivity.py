@@ -25,8 +25,9 @@ import pandas as pd
 from scipy import special
 
 from rlgcomp.challenge.injection import Array, Projection, contributions, distinct_injections, injected, sized_injection
+from rlgcomp.challenge.repeated import Repeated
 from rlgcomp.diagnosis.decide import decided
-from rlgcomp.diagnosis.diagnose import Repeated, diagnose
+from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Self
-
-import numpy as np
-import numpy.typing as npt
 
 from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.black_box import BlackBox
@@ -22,10 +18,7 @@ from rlgcomp.diagnosis.prepare import AnySimulator, Prepared
 from rlgcomp.diagnosis.programmes import ChamberRange
 from rlgcomp.diagnosis.record import Request
 from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
-from rlgcomp.diagnosis.search import Search
 from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import Region
 from rlgcomp.diagnosis.turning import with_angle_rows
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
@@ -37,8 +30,6 @@ from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings, require_seed
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import display_unit
-
-Array = npt.NDArray[np.float64]
 
 
 @one_blas_thread
@@ -115,7 +106,7 @@ def diagnose(
     candidates = _candidates(mechanisms, without, only)
     runs = Prepared.of(simulator, simulated, train, confirm, test, gyro=gyro, output=output)
     require_computable(candidates, [*runs.train, *runs.confirm, *runs.test])
-    request = _request(runs, candidates, gyro, output, unit)
+    request = request_of(runs, candidates, gyro, output, unit)
     request = dataclasses.replace(request, without=tuple(without), only=tuple(only), seed=seed)
     tell(0.05)
     limits = None if chamber is None else ChamberRange.of(chamber)
@@ -168,58 +159,6 @@ def _fitted(case: Case, chosen: Choice, chamber: ChamberRange | None) -> Diagnos
         next_experiment=following,
         next_message=promise,
     )
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Repeated:
-    """Diagnoses of the same runs with this and that added to the output; what does not depend on the output is computed once.
-
-    Free shapes of the simulator stay calibrated to the runs as they are, and are free to the first order.
-
-    Parameters
-    ----------
-    bank : Bank
-    regions : tuple of Region
-    layout : Layout
-    """
-
-    bank: Bank
-    regions: tuple[Region, ...]
-    layout: Layout
-
-    @classmethod
-    @one_blas_thread
-    def of(
-        cls,
-        simulator: AnySimulator,
-        train: Sequence[Recording],
-        *,
-        gyro: str | None = None,
-        mechanisms: Mapping[str, type[Mechanism]] = CATALOGUE,
-    ) -> Self:
-        """Of some runs; parameters as of :func:`diagnose`."""
-        runs = Prepared.of(simulator, None, train, [], [], gyro=gyro, output=None)
-        request = _request(runs, mechanisms, gyro, None, None)
-        bank, regions, _ = Case(runs, mechanisms, request, gyro).question(runs.train)
-        layout = Search(bank, regions).layout
-        layout.keep(KEPT_BY_REPEATED)
-        return cls(bank, tuple(regions), layout)
-
-    @one_blas_thread
-    def posterior(self, time_s: Sequence[Array], added: Sequence[Array]) -> Posterior:
-        """The posterior of all sets with something added.
-
-        Parameters
-        ----------
-        time_s, added : sequence of ndarray
-            Times in the runs' own, and what is added there in deg/h, of each run.
-        """
-        runs = []
-        for run, at, values in zip(self.bank.data.runs, time_s, added, strict=True):
-            more = run.means(run.on_bins_of_rows(np.interp(run.recording.time_s, at, values)))
-            runs.append(dataclasses.replace(run, output=run.output + more))
-        data = dataclasses.replace(self.bank.data, runs=tuple(runs))
-        return Posterior.of(self.bank.with_output(data), self.regions, self.layout)
 
 
 def _with_columns(runs: Sequence[Recording], columns: set[str]) -> tuple[list[Recording], list[Message]]:
@@ -285,7 +224,7 @@ def _candidates(
     return {name: mechanism for name, mechanism in chosen.items() if name not in without}
 
 
-def _request(
+def request_of(
     runs: Prepared, candidates: Mapping[str, type[Mechanism]], gyro: str | None, output: str | None, unit: str | None
 ) -> Request:
     """What was asked for, and which candidates the runs cannot show."""
