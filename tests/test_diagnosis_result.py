@@ -56,6 +56,13 @@ def test_what_is_taken_off_of_runs_that_lack_nothing_is_said_above_the_table() -
     assert found.train.augmented_rms < 0.2 * found.train.baseline_rms
 
 
+def test_a_cause_prints_without_the_fit_that_it_is_of(found: Diagnosis) -> None:
+    (cause,) = found.causes
+    assert cause.function is not None
+    assert "supply_voltage" in repr(cause)
+    assert len(repr(cause)) < 1000
+
+
 def test_its_attributes_are_those_that_scripts_use(found: Diagnosis) -> None:
     assert found.verdict == "explained"
     (cause,) = found.causes

@@ -123,7 +123,7 @@ def _findings(diagnosis: Diagnosis) -> list[dict[str, str | float]]:
         {
             "mechanism": cause.name,
             "probability": probability_text(cause.probability),
-            "rms deg/h": cause.rms_deg_h,
+            "rms deg/h": cause.rms,
             "parameter": name,
             "value": value,
         }

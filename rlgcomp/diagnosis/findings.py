@@ -91,7 +91,7 @@ class Cause:
     own_form: bool
     drivers: tuple[str, ...]
     memory: str
-    function: Function | None
+    function: Function | None = dataclasses.field(repr=False)
     rms: float
     unit: str = DEG_H
     departure: float = 0.0
@@ -104,7 +104,7 @@ class Cause:
     opposite_in: tuple[str, ...] = ()
     has_mean: bool = False
     switches: tuple[Switch, ...] = ()
-    terms: Callable[[], Sequence[Mechanism]] = tuple
+    terms: Callable[[], Sequence[Mechanism]] = dataclasses.field(default=tuple, repr=False)
 
     @property
     def _of_catalogue(self) -> bool:
@@ -151,11 +151,6 @@ class Cause:
     def acts_in(self) -> list[str]:
         """Runs in which it acts, of those that `runs` has."""
         return [run for run, rms in self.runs.items() if rms > 0.0]
-
-    @property
-    def rms_deg_h(self) -> float:
-        """The same number, for a gyro."""
-        return self.rms
 
     def to_mapping(self) -> dict[str, Any]:
         """An entry of `findings`; of a law, of `unexplained.laws`."""
