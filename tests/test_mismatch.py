@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Plays
-from rlgcomp.diagnosis.mismatch import p_value, parts, statistics, tail_probability
+from rlgcomp.diagnosis.mismatch import parts, screened, statistics, tail_probability
 from rlgcomp.diagnosis.noise import Noise
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.states import State
@@ -53,9 +53,13 @@ def test_statistic_is_the_evidence_of_the_best_form(data: Data) -> None:
 
 def test_p_values_of_noise_are_uniform(data: Data) -> None:
     found, rng = [], np.random.default_rng(5)
+    forms = [form for region in regions_of(data) for form in region.forms]
     for k in range(80):
         drawn = Data((dataclasses.replace(data.runs[0], output=rng.standard_normal(len(data))),))
-        found.append(p_value(Bank(drawn, np.ones((len(data), 1))), regions_of(drawn), Noise(), draws=100, seed=k))
+        bank = Bank(drawn, np.ones((len(data), 1)))
+        bank.prepare(forms)
+        screen = Screen(Evidence(bank, Noise(), 0.0), Layout(bank, forms))
+        found.append(screened(screen, np.array([form.log_share for form in forms]), draws=100, seed=k))
     assert stats.kstest(found, "uniform").pvalue > 0.01
 
 

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
 from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Evidence, Set
+from rlgcomp.diagnosis.evidence import Set
 from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.screen import Layout, Panel, Products, Screen
-from rlgcomp.diagnosis.terms import Region
+from rlgcomp.diagnosis.screen import Panel, Products, Screen
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 
 Array = npt.NDArray[np.float64]
@@ -31,7 +27,7 @@ _MOST: Final = 0.8  # of a run's share, that its interval holds
 # --- is anything missing? --------------------------------------------------------------------------------------------------------
 
 
-def p_value(bank: Bank, regions: Iterable[Region], noise: Noise, *, draws: int = DRAWS, seed: int = 0) -> float:
+def screened(screen: Screen, offsets: Array, members: Set = (), *, draws: int = DRAWS, seed: int = 0) -> float:
     """Probability that noise alone would gain as much by its best term as the data do.
 
     The statistic is the largest log posterior odds of one form of one size against none, over all forms but those that a residual
@@ -39,27 +35,8 @@ def p_value(bank: Bank, regions: Iterable[Region], noise: Noise, *, draws: int =
 
     Parameters
     ----------
-    bank : Bank
-    regions : iterable of Region
-    noise : Noise
-        Of the null.
-    draws : int
-    seed : int
-    """
-    listed = [region for region in regions if not region.nuisance]
-    forms = [(form, region.log_odds) for region in listed for form in region.forms]
-    bank.prepare(form for form, _ in forms)
-    possible = [(form, odds) for form, odds in forms if bank.scaled(form) is not None]
-    screen = Screen(Evidence(bank, noise, 0.0), Layout(bank, [form for form, _ in possible]))
-    return screened(screen, np.array([form.log_share + odds for form, odds in possible]), draws=draws, seed=seed)
-
-
-def screened(screen: Screen, offsets: Array, members: Set = (), *, draws: int = DRAWS, seed: int = 0) -> float:
-    """The same with a screen of all forms under the noise of the null.
-
-    Parameters
-    ----------
     screen : Screen
+        Of all forms under the noise of the null.
     offsets : ndarray, shape (forms,)
         Log prior odds of each form; -inf of what is no missing physics.
     members : tuple of Member
