@@ -63,6 +63,19 @@ def test_a_cause_prints_without_the_fit_that_it_is_of(found: Diagnosis) -> None:
     assert len(repr(cause)) < 1000
 
 
+def test_the_seed_is_of_p_values_and_intervals_and_of_nothing_else(runs: list[Recording]) -> None:
+    healthy = runs_of(BASELINE)
+    asked = {"only": FEW[:1], "window_s": 4.0 * WINDOW_S, "black_box": False}
+    one, same, other = (diagnose(BASELINE, healthy[:2], healthy[2:], seed=seed, **asked) for seed in (0, 0, 1))
+    assert one.test is not None
+    assert other.test is not None
+    assert (one.to_mapping() | {"provenance": 0}) == (same.to_mapping() | {"provenance": 0})
+    assert one.p_value != other.p_value
+    assert one.test.improvement_ci95 != other.test.improvement_ci95
+    assert (one.healthy, one.test.augmented_rms) == (other.healthy, other.test.augmented_rms)
+    assert (one.provenance["seed"], other.provenance["seed"]) == (0, 1)
+
+
 def test_its_attributes_are_those_that_scripts_use(found: Diagnosis) -> None:
     assert found.verdict == "explained"
     (cause,) = found.causes

@@ -131,7 +131,7 @@ def diagnose(
             "--output", metavar="COLUMN", help="Quantity to explain, where it is no gyro: force_N. Parameters are then in its unit."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all random streams.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the draws of p-values and intervals.")] = 0,
     mapping: Map = None,
     drop: Drop = None,
     pulse_arcsec: PulseArcsec = None,

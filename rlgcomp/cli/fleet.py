@@ -32,7 +32,7 @@ def fleet(
     averaging_s: Annotated[float, typer.Option(metavar="S", help="Of train: averaging time in s.")] = _AVERAGING_S,
     keep_mean: Annotated[bool, typer.Option("--keep-mean", help="Of train: as for `rlgcomp train`.")] = False,
     gyro: Gyro = None,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of diagnose: seed of all random streams.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of diagnose: seed of the draws of p-values and intervals.")] = 0,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers do the work.")
     ] = None,

@@ -101,7 +101,7 @@ def _settled(
     """
     for calibration in range(_CALIBRATIONS + 1):
         regions = [one for one in question.regions if other_forms or not one.key.startswith(OTHER_FORM)]
-        found = Posterior.of(question.bank, regions)
+        found = Posterior.of(question.bank, regions, seed=case.request.seed)
         again = _beside(case, found.best, question, recordings) if calibration < _CALIBRATIONS else None
         if again is None or not (wrong_amplitudes(found.best) or likelier(found.best, again.bank, question.bank)):
             break

@@ -90,7 +90,7 @@ def diagnose(
     black_box : bool
         Train an LS-SVM on the same runs, for comparison.
     seed : int
-        Kept in the provenance.
+        Of the draws that p-values and intervals of the improvement are made of.
     progress : callable, optional
         Is given the fraction done.
 

@@ -50,7 +50,7 @@ class Posterior:
     sharpened: State | None = None
 
     @classmethod
-    def of(cls, bank: Bank, regions: Sequence[Region], layout: Layout | None = None) -> Self:
+    def of(cls, bank: Bank, regions: Sequence[Region], layout: Layout | None = None, *, seed: int = 0) -> Self:
         """The posterior of a search; with a two-state process, of a second one beside its path.
 
         Parameters
@@ -59,11 +59,13 @@ class Posterior:
         regions : sequence of Region
         layout : Layout, optional
             As of :class:`~rlgcomp.diagnosis.search.Search`.
+        seed : int
+            Of the draws that what noise alone would gain is told from.
         """
         search = Search(bank, regions, layout)
         states = search.run()
         if bank.data.turns:
-            return cls(tuple(states), search.regions, *_in_noise(search, states, left=layout is None))
+            return cls(tuple(states), search.regions, *_in_noise(search, states, seed, left=layout is None))
         jumping = search.with_processes([*states[:_PROVED], *(state for state in states if not state.members)])
         paths = _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
         for _ in range(_PATHS):
@@ -73,7 +75,7 @@ class Posterior:
             paths.append(best.process.path)
             _search_again(search, best.process.path, forget=layout is None)
         ordered = _without_wide_lines(search)
-        found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, left=layout is None))
+        found = cls(tuple(ordered), search.regions, *_in_noise(search, ordered, seed, left=layout is None))
         return found if layout is not None else dataclasses.replace(found, sharpened=search.sharpened(found.best))
 
     @functools.cached_property
@@ -223,7 +225,7 @@ def _with_wide_lines_as_wanders(search: Search, state: State) -> State:
     return dataclasses.replace(state, members=tuple(members), log_point=log_point)
 
 
-def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[float, float]:
+def _in_noise(search: Search, states: Sequence[State], seed: int, *, left: bool) -> tuple[float, float]:
     """Of the likeliest state without an effect, and of the likeliest, each under its noise; a two-state path is not taken off.
 
     Parameters
@@ -231,6 +233,7 @@ def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[f
     search : Search
     states : sequence of State
         The likeliest first.
+    seed : int
     left : bool
         Whether the second one is asked for; else it is not a number.
     """
@@ -242,7 +245,7 @@ def _in_noise(search: Search, states: Sequence[State], *, left: bool) -> tuple[f
         odds = [
             -math.inf if form.region in taken else form.log_share + search.regions[form.region].log_odds for form in search.forms
         ]
-        return screened(search.screen(state.noise), np.array(odds), state.members)
+        return screened(search.screen(state.noise), np.array(odds), state.members, seed=seed)
 
     in_noise, best = p_value_of(null), states[0]
     if not left:

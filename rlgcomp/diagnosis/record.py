@@ -112,6 +112,7 @@ class Request:
     own_simulator : bool
         The baseline is the user's own, so that the simulators of the result hold only what is added to it.
     seed : int
+        Of the draws that p-values and intervals of the improvement are made of.
     """
 
     simulator: str = "the simulator"
@@ -265,19 +266,19 @@ class Record:
     @functools.cached_property
     def train(self) -> Score:
         """The training runs before and after."""
-        found = score(self.before, self.after, self.after.data.runs, self.unit)
+        found = score(self.before, self.after, self.after.data.runs, self.unit, self.request.seed)
         assert found is not None  # noqa: S101
         return found
 
     @functools.cached_property
     def confirm(self) -> Score | None:
         """The runs that took part in the choice alone."""
-        return score(self.before, self.after, self.confirm_runs, self.unit, self.black_box)
+        return score(self.before, self.after, self.confirm_runs, self.unit, self.request.seed, self.black_box)
 
     @functools.cached_property
     def test(self) -> Score | None:
         """The test runs: the proof."""
-        return score(self.before, self.after, self.test_runs, self.unit, self.black_box)
+        return score(self.before, self.after, self.test_runs, self.unit, self.request.seed, self.black_box)
 
     @property
     def latent(self) -> tuple[str, ...]:

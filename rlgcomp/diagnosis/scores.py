@@ -86,7 +86,7 @@ class Score:
     over_compensation_std_ci95: tuple[float, float] | None = None
 
 
-def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox | None = None) -> Score | None:
+def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, seed: int, box: BlackBox | None = None) -> Score | None:
     """Root mean squares of runs before and after, and the improvement with its interval; None of no runs.
 
     Parameters
@@ -95,6 +95,8 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox
     runs : sequence of Run
     unit : str
         Of the output.
+    seed : int
+        Of the draws that intervals are made of.
     box : BlackBox, optional
         Evaluated as well, on runs that it was not trained on.
     """
@@ -109,7 +111,7 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox
     for run, pair, about, left in zip(runs, pairs, centred, learnt, strict=True):
         one, other = _rms([pair[0]]), _rms([pair[1]])
         stds = _rms([about[0]]), _rms([about[1]])
-        whole = RunScore(run.name, one, other, after.noise_rms, *stds, 1.0 - other / one, _interval([pair]))
+        whole = RunScore(run.name, one, other, after.noise_rms, *stds, 1.0 - other / one, _interval([pair], seed))
         if left is not None:
             whole = dataclasses.replace(whole, compensation_rms=_rms([left]), compensation_std=_rms([left - left.mean()]))
         per_run.append(whole)
@@ -122,21 +124,21 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, box: BlackBox
         unit,
         after.data.runs[0].grid.window_s,
         1.0 - other / one,
-        _interval(pairs),
+        _interval(pairs, seed),
         one_std,
         other_std,
         1.0 - other_std / one_std,
-        _interval(centred),
+        _interval(centred, seed),
         tuple(per_run),
         _rms([left for left, _ in compensated]) if compensated else None,
-        _interval(compensated) if compensated else None,
+        _interval(compensated, seed) if compensated else None,
         _rms([left for left, _ in of_own_mean]) if compensated else None,
-        _interval(of_own_mean) if compensated else None,
+        _interval(of_own_mean, seed) if compensated else None,
     )
 
 
-def _interval(pairs: Sequence[tuple[Array, Array]]) -> tuple[float, float]:
-    rng = np.random.default_rng(0)
+def _interval(pairs: Sequence[tuple[Array, Array]], seed: int) -> tuple[float, float]:
+    rng = np.random.default_rng(seed)
     drawn = [drawn_squares(pair, block=max(1, len(pair[0]) // _BLOCKS), rng=rng)[0] for pair in pairs]
     low, high = np.quantile(1.0 - np.sqrt(sum(b[1] for b in drawn) / sum(b[0] for b in drawn)), _INTERVAL)
     return float(low), float(high)
