@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth, gaussian_process
+from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth
 from rlgcomp.diagnosis.data import Data, Run, Within
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.terms import Family, Form, Region, forms_of, log_odds_of_more
@@ -59,21 +59,6 @@ class RatePower(Basis):
 
     def parameters(self) -> dict[str, float]:
         return {"order": self.exponent} if self.odd else {}
-
-
-@dataclasses.dataclass(frozen=True)
-class RateSmooth(Basis):
-    """A Gaussian process of the rate that is odd (parity -1) or even (1)."""
-
-    path: Path
-    parity: int
-    width: float = 0.5
-    knots: int = 8
-
-    def columns(self, run: Run) -> Array:
-        rate = self.path.bounded(run)
-        forward, back = (gaussian_process(u, self.width, self.knots) for u in (rate, -rate))
-        return forward + self.parity * back
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,18 +197,18 @@ def _families(
             Family("b = f(T) W", [(TimesRate(Power(path, 3), rate),), (TimesRate(Smooth(path), rate),)], (smooth,)),
         ]
     if name == "scale_factor_asymmetry":
-        even = (RateSmooth(rate, 1),)
+        even = (Smooth(rate, 0.5, 8, 1),)
         powers: list[tuple[Basis, ...]] = [(RatePower(rate, p, False),) for p in (0.8, 1.0, 1.25)]
         return [
             Family("b = k |W|", powers[1:2], even, 2.0),
             Family("b = k |W|^exponent", powers[::2], even),
-            Family("b = even function of W", [(RatePower(rate, 1.0, False), RateSmooth(rate, 1, 0.25, 16))]),
+            Family("b = even function of W", [(RatePower(rate, 1.0, False), Smooth(rate, 0.25, 16, 1))]),
         ]
     if name == "scale_factor_nonlinearity":
-        odd = (RateSmooth(rate, -1),)
+        odd = (Smooth(rate, 0.5, 8, -1),)
         return [
             Family("b = k W |W|^(order - 1)", [(RatePower(rate, p, True),) for p in _EXPONENTS], odd, 2.0),
-            Family("b = odd function of W", [(RateSmooth(rate, -1, 0.35, 12),)]),
+            Family("b = odd function of W", [(Smooth(rate, 0.35, 12, -1),)]),
         ]
     return [Family(mechanism.equation, [(Own(point),) for point in mechanism.grid(binned)])]
 
