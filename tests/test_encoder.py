@@ -7,17 +7,8 @@ import pytest
 
 from experiments.liu_2019.rotation_table import LIU_DELAY_S
 from rlgcomp.noise.angle_harmonics import Harmonics, fit_harmonics, spectra
-from rlgcomp.noise.encoder import compensated_deg, delay_from_changes, delay_from_phases, find_legs, middle_deg, table_angle_deg
+from rlgcomp.noise.encoder import delay_from_changes, delay_from_phases, find_legs, middle_deg, table_angle_deg
 from tests.rotation_runs import turned
-
-
-def test_equation_15_and_its_inverse() -> None:
-    time_s, delay_s = 0.005 * np.arange(50), 0.5283e-3
-    angle = 60.0 * time_s
-    lagging = angle - 60.0 * delay_s
-    printed = lagging[:-1] * (1 - delay_s / 0.005) + lagging[1:] * delay_s / 0.005
-    assert compensated_deg(lagging, time_s, delay_s)[:-1] == pytest.approx(printed, abs=1e-12)
-    assert compensated_deg(lagging, time_s, delay_s) == pytest.approx(angle, abs=1e-12)
 
 
 def test_legs_are_found_and_wrapped_angles_unwrapped() -> None:

@@ -9,13 +9,14 @@ import pytest
 
 import rlgcomp as rlg
 from experiments.liu_2019.first_step import first_step
+from experiments.liu_2019.triads import drawn_triads
 from rlgcomp import units
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.information import Noise, angle_random_walk_deg_sqrt_h
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.numerics import frames
 from rlgcomp.simulation.triad_errors import ACCELEROMETER, GYRO, M12, TriadErrors
-from rlgcomp.simulation.two_axis_table import Triad, TwoAxisProgramme, drawn_triads
+from rlgcomp.simulation.two_axis_table import Triad, TwoAxisProgramme
 from tests import triads
 from tests.triads import PUBLISHED, SHORT, SILENT, STEP_S, readings, short_runs
 

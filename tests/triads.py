@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 
 import rlgcomp as rlg
+from experiments.liu_2019.triads import drawn_triads
 from rlgcomp.calibration.triad.calibrate import TableCalibration, calibrate_turntable
 from rlgcomp.calibration.triad.estimate import TriadCalibration, calibrate_triad
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.triad_errors import TriadErrors
-from rlgcomp.simulation.two_axis_table import Triad, drawn_triads, reversing
+from rlgcomp.simulation.two_axis_table import Triad, reversing
 
 PUBLISHED = TriadErrors(  # means of Liu 2019, Table 4
     {

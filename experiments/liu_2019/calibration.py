@@ -7,6 +7,7 @@ import pandas as pd
 
 from experiments.liu_2019.first_step import first_step
 from experiments.liu_2019.monte_carlo import STEPS, study, summary
+from experiments.liu_2019.triads import drawn_triads
 from experiments.tables import published, show_list, show_table
 from experiments.work import Work
 from rlgcomp.calibration.triad.calibrate import predicted
@@ -14,7 +15,7 @@ from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
-from rlgcomp.simulation.two_axis_table import Triad, drawn_triads
+from rlgcomp.simulation.two_axis_table import Triad
 
 LATITUDE_DEG = 39.98
 LOCK_IN_DEG_S = 0.0173

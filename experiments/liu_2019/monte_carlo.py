@@ -7,11 +7,12 @@ import dataclasses
 import numpy as np
 import pandas as pd
 
+from experiments.liu_2019.triads import drawn_triads
 from experiments.work import Work
 from rlgcomp.calibration.triad.estimate import calibrate_triad
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.simulation.triad_errors import GYRO, TriadErrors
-from rlgcomp.simulation.two_axis_table import Triad, drawn_triads
+from rlgcomp.simulation.two_axis_table import Triad
 
 STEPS = ("step-1", "step-2", "step-3")
 

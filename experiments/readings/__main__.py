@@ -16,7 +16,7 @@ from experiments.concealed.chamber import Unit
 from experiments.concealed.logger import Logger
 from experiments.concealed.operators import first_order
 from experiments.tables import show_table
-from rlgcomp.numerics.readings import Readings, bin_means, diffuses, readings_of
+from rlgcomp.numerics.readings import Readings, diffuses, readings_of
 
 Array = npt.NDArray[np.float64]
 BINS = 2000
@@ -26,6 +26,11 @@ TEXT = """Root mean square error of readings, of the course of a column by itsel
 medians over columns, in steps of rounding or in standard deviations of the noise. Rate: error of the course's rate over that of
 differences of readings. Last, the mean square of the error over the variance that is stated, median (10 to 90 % of columns).
 """
+
+
+def bin_means(values: Array, bins: int, rows: int) -> Array:
+    """Means over bins of so many rows each."""
+    return np.asarray(values[: bins * rows].reshape(bins, rows).mean(axis=1), dtype=np.float64)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from experiments.liu_2019.rotation_table import RotatingGyro, liu_harmonics, simulate_rotation
+from experiments.liu_2019.triads import drawn_triads
 from experiments.speed.measure import Case, Peer, Row, Timed
 from experiments.speed.whole import simulated_case, size_text
 from rlgcomp.noise.processes import NoiseModel
@@ -23,7 +24,7 @@ from rlgcomp.recording.formats import write
 from rlgcomp.simulation.random_units import simulated_unit
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.simulation.triad_errors import TriadErrors
-from rlgcomp.simulation.two_axis_table import PROGRAMMES, drawn_triads
+from rlgcomp.simulation.two_axis_table import PROGRAMMES
 
 GYROS: Final = 20  # whose files a fleet's units have in turn
 _CUBIC: Final = ("--model", "cubic", "--features", "temperature")

@@ -357,28 +357,6 @@ def deviation_of_angle(
     )
 
 
-def angle_rate_deg_h(angle_arcsec: npt.ArrayLike, time_s: npt.ArrayLike) -> tuple[Array, Array]:
-    """Rates between the samples of an angle, and the times at which they end, for :func:`allan_deviation`.
-
-    Parameters
-    ----------
-    angle_arcsec, time_s : array_like, shape (n,)
-        An angle (or the phase of an oscillator, in any unit u; the rates are then in u/s). Steps across a gap are left out.
-
-    Returns
-    -------
-    rate_deg_h, time_s : ndarray
-    """
-    angle = np.asarray(angle_arcsec, dtype=np.float64)
-    time = np.asarray(time_s, dtype=np.float64)
-    if angle.ndim != 1 or angle.shape != time.shape or len(angle) <= FEWEST_SAMPLES:
-        raise InputError(f"angles of shape {angle.shape} at times of shape {time.shape}; give one of each, six samples or more")
-    period_s, gaps = gaps_of(time)
-    inside = np.ones(len(angle) - 1, dtype=np.bool_)
-    inside[gaps.ends[:-1] - 1] = False
-    return np.diff(angle)[inside] / period_s, time[1:][inside]
-
-
 def _steep(rows: list[tuple[float, float, int, float, int]], tau_s: float, deviation: float) -> bool:
     """Whether the curve falls as steeply as white noise of the angle makes it; few means may resemble that noise by chance."""
     before = [row for row in rows if row[0] <= tau_s / 1.8] or rows[:1]

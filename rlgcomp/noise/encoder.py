@@ -13,7 +13,7 @@ the standard error is valid.
 
 References
 ----------
-Liu et al., Sensors 19, 4754 (2019), eq. 14 (0.0317° / 60 °/s = 0.5283 ms) and eq. 15.
+Liu et al., Sensors 19, 4754 (2019), eq. 14 (0.0317° / 60 °/s = 0.5283 ms).
 """
 
 from __future__ import annotations
@@ -134,26 +134,6 @@ def find_legs(time_s: Array, angle_deg: Array) -> list[Leg]:
         rate = float((angle_deg[high - 1] - angle_deg[low]) / (time_s[high - 1] - time_s[low]))
         legs.append(Leg(slice(low, high), rate))
     return legs
-
-
-def compensated_deg(angle_deg: Array, time_s: Array, delay_s: float) -> Array:
-    """Angle of the table at `time_s`, from readings that lag by `delay_s` (eq. 15, for any delay of either sign).
-
-    Parameters
-    ----------
-    angle_deg, time_s : ndarray, shape (n,)
-        Readings of the encoder.
-    delay_s : float
-
-    >>> compensated_deg(np.array([0.0, 0.3, 0.6]), np.array([0.0, 0.005, 0.01]), 0.001).round(6).tolist()
-    [0.06, 0.36, 0.66]
-    """
-    shifted_s = time_s + delay_s
-    shifted = np.interp(shifted_s, time_s, angle_deg)
-    for beyond, (a, b) in ((shifted_s > time_s[-1], (-2, -1)), (shifted_s < time_s[0], (0, 1))):
-        slope = (angle_deg[b] - angle_deg[a]) / (time_s[b] - time_s[a])
-        shifted[beyond] = angle_deg[a] + slope * (shifted_s[beyond] - time_s[a])
-    return np.asarray(shifted)
 
 
 def delay_from_changes(

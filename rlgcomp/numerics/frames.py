@@ -27,7 +27,6 @@ from rlgcomp import units
 
 Array = npt.NDArray[np.float64]
 
-C_PN: Final[Array] = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 # Liu 2019, section 2, with the signs that the printed matrix lost: orthogonal, determinant +1, every axis acos(1/sqrt 3) from z.
 OBLIQUE_TO_BODY: Final[Array] = np.array(
     [

@@ -241,11 +241,6 @@ def rounding_step(values: Array) -> float:
     return float(gaps.min()) if 0 < len(gaps) < 0.5 * len(values) else 0.0
 
 
-def bin_means(values: Array, bins: int, rows: int) -> Array:
-    """Means over bins of so many rows each."""
-    return np.asarray(values[: bins * rows].reshape(bins, rows).mean(axis=1), dtype=np.float64)
-
-
 def _few_steps(values: Array, step: float, diffuses: bool) -> bool:
     """Whether readings are no states, and, unless the course is smooth, mostly go from one step to the next."""
     jumps = np.abs(np.diff(values))

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final, Self
 
 import numpy as np
@@ -278,31 +278,6 @@ class Triad:
             rms = lock_in * np.sqrt(0.5 / (per_rad * np.maximum(acceleration, 1e-12)))
             kicks[crossing, axis] = math.sqrt(2.0) * rms * np.cos(rng.uniform(0.0, 2.0 * math.pi, len(crossing)))
         return kicks
-
-
-def drawn_triads(units_count: int, errors: TriadErrors, *, seed: int = 0, **changes: float) -> Iterator[Triad]:
-    """Triads with the same gyro errors, each with other accelerometer residuals and another tilt of the table.
-
-    Parameters
-    ----------
-    units_count : int
-    errors : TriadErrors
-        Of the gyros.
-    seed : int
-    **changes : float
-        Other parameters of :class:`Triad`.
-
-    Notes
-    -----
-    Accelerometers are calibrated to 5 ug, 2 ppm and 2 arcsec (uniform), the table stands true to 3 arcsec and 60 arcsec in azimuth
-    (standard deviations).
-    """
-    for unit in range(units_count):
-        rng = stream(seed + unit, "residuals")
-        bounds = np.array([{"ug": 5.0, "ppm": 2.0, "arcsec": 2.0}[parameter.unit] for parameter in ACCELEROMETER])
-        residuals = TriadErrors.of(rng.uniform(-bounds, bounds), ACCELEROMETER)
-        east, north, up = rng.standard_normal(3) * (3.0, 3.0, 60.0)
-        yield dataclasses.replace(Triad(gyro=errors, accelerometer=residuals, tilt_arcsec=(east, north, up)), **changes)  # type: ignore[arg-type]
 
 
 def _integrated(time_s: Array, knots_s: Sequence[float], rates: Sequence[float]) -> tuple[Array, Array]:
