@@ -98,9 +98,9 @@ class RateTable:
         higher = np.array([self.mean_ppm[k:].mean() for k in range(1, len(self.rate_deg_s))])
         return self._from_on(np.abs(mean - higher) <= within_ppm)
 
-    def operating_rate_deg_s(self, largest_std_ppm: float = 1.0, within_ppm: float = 1.0) -> float:
-        """Lowest rate at which the scale factor is repeatable and constant, by both rules; NaN where no rate satisfies them."""
-        return float(np.maximum(self.repeatable_from_deg_s(largest_std_ppm), self.constant_from_deg_s(within_ppm)))
+    def operating_rate_deg_s(self) -> float:
+        """Lowest rate at which the scale factor is repeatable and constant to 1 ppm; NaN where no rate is."""
+        return float(np.maximum(self.repeatable_from_deg_s(), self.constant_from_deg_s()))
 
     @property
     def repeatability(self) -> Message:

@@ -209,9 +209,9 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     return curve
 
 
-def smallest_within(curve: pd.DataFrame, share: float = WITHIN) -> int:
-    """Fewest centres whose stability with runs left out is within `share` of the best on the curve."""
-    good = curve["left_out_deg_h"] <= (1.0 + share) * curve["left_out_deg_h"].min()
+def smallest_within(curve: pd.DataFrame) -> int:
+    """Fewest centres whose stability with runs left out is within a hundredth of the best on the curve."""
+    good = curve["left_out_deg_h"] <= (1.0 + WITHIN) * curve["left_out_deg_h"].min()
     return int(curve.loc[good, "centres"].min())
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -31,7 +31,6 @@ from rlgcomp.units import RAD_PER_DEG
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
-Progress = Callable[[int, int], None]
 
 HIGHEST_ORDER: Final = 100
 FALSE_ALARM: Final = float(np.exp(-18.0))  # of |c| > 6 sd of one component
@@ -110,7 +109,7 @@ class Harmonics:
         )
 
 
-def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = lambda done, total: None) -> list[Spectrum]:
+def spectra(rates_deg_h: Sequence[Array], angle_deg: Array) -> list[Spectrum]:
     """Fourier coefficients of several rates over the angle, orders 1 to 100 or to half the samples in a revolution.
 
     Parameters
@@ -119,8 +118,6 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
         Without their mean.
     angle_deg : ndarray, shape (n,)
         Table angle in the middle of each sample, continuous beyond 360.
-    advance : callable
-        Receives the segments done and the total.
 
     Raises
     ------
@@ -142,7 +139,6 @@ def spectra(rates_deg_h: Sequence[Array], angle_deg: Array, advance: Progress = 
     for segment in range(segments):
         first, last = int(ends[segment]), int(ends[segment + 1])
         means[segment] = 2.0 / max(last - first, 1) * _sums(rates_deg_h, angle_deg, highest, first, last)
-        advance(segment + 1, segments)
     mean = means.mean(axis=0)
     scatter2 = np.sum(np.abs(means - mean) ** 2, axis=0) / (segments - 1)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -37,8 +37,7 @@ import pandas as pd
 from scipy import ndimage
 
 from rlgcomp.errors import InputError
-from rlgcomp.noise.angle_harmonics import Progress
-from rlgcomp.noise.constant_rate_segment import AngleRandomWalk, ConstantRateSegment, Trend, revolutions
+from rlgcomp.noise.constant_rate_segment import AngleRandomWalk, ConstantRateSegment, Progress, Trend, revolutions
 from rlgcomp.noise.encoder import Delay, delay_from_changes, delay_from_phases, find_legs, table_angle_deg
 from rlgcomp.numerics.robust import robust_sd
 from rlgcomp.recording import Recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy import special
 
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_deviation import AllanDeviation, allan_deviation, fit_coefficients
-from rlgcomp.noise.angle_harmonics import CHUNK, Harmonics, Progress, Spectrum, fit_harmonics, spectra, sums_of_waves, without
+from rlgcomp.noise.angle_harmonics import CHUNK, Harmonics, Spectrum, fit_harmonics, spectra, sums_of_waves, without
 from rlgcomp.noise.coefficients import NoiseCoefficients
 from rlgcomp.noise.encoder import Leg, middle_deg
 from rlgcomp.noise.spectral_fit import (
@@ -34,6 +34,7 @@ from rlgcomp.recording import Recording
 from rlgcomp.units import ANGLE_RANDOM_WALK_UNITS, SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
+Progress = Callable[[int, int], None]
 Whole = npt.NDArray[np.int64]
 Trend = Literal["time", "temperature"]
 

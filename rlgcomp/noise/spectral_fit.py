@@ -40,6 +40,7 @@ FEWEST_BINS: Final = 50
 LOWEST_BIN: Final = 6  # a fifth-order trend was removed from the bins below
 ITERATIONS: Final = 60
 BANDS: Final = 30
+SHOWN_PER_DECADE: Final = 12  # bands of a figure
 LEAST_IN_BAND: Final = 20
 FITS: Final = 0.01
 MOST_ANGLE: Final = 1.0  # white noise of the angle over that of the rate, at the upper end of a band
@@ -63,10 +64,10 @@ class Periodogram:
     density: Array
     period_s: float
 
-    def bands(self, per_decade: int = 12) -> tuple[Array, Array]:
+    def bands(self) -> tuple[Array, Array]:
         """Means over logarithmic bands, for figures: frequencies and densities."""
         decades = np.log10(self.frequency_hz[-1] / self.frequency_hz[0])
-        edges = np.geomspace(self.frequency_hz[0], self.frequency_hz[-1], 2 + int(per_decade * decades))
+        edges = np.geomspace(self.frequency_hz[0], self.frequency_hz[-1], 2 + int(SHOWN_PER_DECADE * decades))
         band = np.clip(np.digitize(self.frequency_hz, edges) - 1, 0, len(edges) - 2)
         counts = np.bincount(band, minlength=len(edges) - 1)
         full = counts > 0

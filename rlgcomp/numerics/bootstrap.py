@@ -21,9 +21,7 @@ BLOCK_S: Final = 3600.0  # longer than the memory of chamber and noise
 DRAWS: Final = 2000
 
 
-def drawn_squares(
-    series: Sequence[Array], *, block: int, rng: np.random.Generator, draws: int = DRAWS
-) -> tuple[list[Array], list[Array]]:
+def drawn_squares(series: Sequence[Array], *, block: int, rng: np.random.Generator) -> tuple[list[Array], list[Array]]:
     """Sums of squares of series resampled together: of the values, and of the values about the mean of the sample.
 
     Parameters
@@ -33,16 +31,15 @@ def drawn_squares(
     block : int
         Length of a block in averages; at most a fifth of the run is used.
     rng : numpy.random.Generator
-    draws : int
 
     Returns
     -------
-    squares, about_mean : list of ndarray, shape (draws,)
+    squares, about_mean : list of ndarray, shape (DRAWS,)
         One array a series.
     """
     n = len(series[0])
     length = int(np.clip(block, 1, max(1, n // 5)))
-    starts = rng.integers(0, n, size=(draws, -(-n // length)))
+    starts = rng.integers(0, n, size=(DRAWS, -(-n // length)))
     last = n - length * (starts.shape[1] - 1)
 
     def drawn(values: Array) -> Array:

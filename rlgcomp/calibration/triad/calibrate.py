@@ -94,8 +94,6 @@ class TableCalibration:
     Parameters
     ----------
     triad : TriadCalibration
-    rate_biases : tuple of RateBias
-        By run.
     observability : pandas.DataFrame
         By run and for all together: parameters determined, condition number of the information on those.
     alternatives : pandas.DataFrame
@@ -106,7 +104,6 @@ class TableCalibration:
     """
 
     triad: TriadCalibration
-    rate_biases: tuple[RateBias, ...]
     observability: pd.DataFrame
     alternatives: pd.DataFrame
     remarks: tuple[Message, ...]
@@ -166,7 +163,7 @@ def calibrate_turntable(
     content = triad_content(triad, list(recordings), remarks, rlgcomp.__version__, made)
     content["observability"] = observability.to_dict("records")
     content["rate_bias"] = [dataclasses.asdict(bias) | {"violated": bias.violated} for bias in biases]
-    return TableCalibration(triad, biases, observability, alternatives, tuple(remarks), content)
+    return TableCalibration(triad, observability, alternatives, tuple(remarks), content)
 
 
 def predicted(noise: Noise, latitude_deg: float, thirds: Sequence[str] = ALTERNATIVES) -> pd.DataFrame:

@@ -377,18 +377,18 @@ def _numpy(tensor: Tensor) -> Array:
     return np.asarray(tensor.cpu().numpy(), dtype=np.float64)
 
 
-def require_device(owner: object, name: str = "device") -> None:
-    """Raise unless an estimator's parameter names a device, present or not.
+def require_device(owner: Any) -> None:
+    """Raise unless an estimator's `device` names one, present or not.
 
     Raises
     ------
     InputError
         It is neither None, "auto", "cpu", "cuda" nor "cuda:" and a number.
     """
-    value = getattr(owner, name)
+    value = owner.device
     if value is not None and not (isinstance(value, str) and _DEVICES.fullmatch(value)):
         raise InputError(
-            f"The {name!r} parameter of {type(owner).__name__} must be None, 'auto', 'cpu', 'cuda' or 'cuda:0'. "
+            f"The 'device' parameter of {type(owner).__name__} must be None, 'auto', 'cpu', 'cuda' or 'cuda:0'. "
             f"Got {value!r} instead."
         )
 
