@@ -97,7 +97,8 @@ class Prepared:
         messages += [one for run in runs for one in stuck_messages(run)]
         messages += [finding for _, finding in straight if finding is not None]
         runs = [run for run, _ in straight]
-        if isinstance(simulator, Simulator) and simulator.kind == "turntable":
+        turning = isinstance(simulator, Simulator) and simulator.kind == "turntable"
+        if turning:
             runs, found = with_mean_rates(without_quantisation(runs), gyro)
             messages += found
         base, runs, predicted = _with_simulation(simulator, simulated, runs, gyro)
@@ -115,7 +116,7 @@ class Prepared:
                 _require_whole_rate(run, gyro)
             scaled = scale_message(runs, [run.column(SIMULATED) for run in runs], gyro)
             warnings += [] if scaled is None else [scaled]
-        if isinstance(simulator, Simulator) and simulator.kind == "turntable":
+        if turning:
             runs, found = with_rates(runs)
             messages += found
         edges = len(train), len(train) + len(confirm)
@@ -147,8 +148,7 @@ def _with_simulation(
         raise InputError("no simulator; give one with --simulator, or its output with --simulated")
     else:
         predicted = simulator if isinstance(simulator, UserSimulator) else PythonSimulator(simulator, _name_of(simulator))
-    simulated = [run.replace(table=run.table.assign(**{SIMULATED: predicted.predict_deg_h(run)})) for run in runs]
-    return base, simulated, predicted
+    return base, [run.replace(table=run.table.assign(**{SIMULATED: predicted.predict_deg_h(run)})) for run in runs], predicted
 
 
 def _kind(runs: Sequence[Recording]) -> Literal["chamber", "turntable"]:

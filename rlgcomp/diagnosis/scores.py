@@ -118,22 +118,22 @@ def score(before: Fit, after: Fit, runs: Sequence[Run], unit: str, seed: int, bo
     sizes = [[_rms([pair[k] for pair in group]) for k in (0, 1)] for group in (pairs, centred)]
     (one, other), (one_std, other_std) = sizes
     return Score(
-        one,
-        other,
-        after.noise_rms,
-        unit,
-        after.data.runs[0].grid.window_s,
-        1.0 - other / one,
-        _interval(pairs, seed),
-        one_std,
-        other_std,
-        1.0 - other_std / one_std,
-        _interval(centred, seed),
-        tuple(per_run),
-        _rms([left for left, _ in compensated]) if compensated else None,
-        _interval(compensated, seed) if compensated else None,
-        _rms([left for left, _ in of_own_mean]) if compensated else None,
-        _interval(of_own_mean, seed) if compensated else None,
+        baseline_rms=one,
+        augmented_rms=other,
+        noise_floor_rms=after.noise_rms,
+        unit=unit,
+        averaging_s=after.data.runs[0].grid.window_s,
+        improvement=1.0 - other / one,
+        improvement_ci95=_interval(pairs, seed),
+        baseline_std=one_std,
+        augmented_std=other_std,
+        improvement_std=1.0 - other_std / one_std,
+        improvement_std_ci95=_interval(centred, seed),
+        per_run=tuple(per_run),
+        compensation_rms=_rms([left for left, _ in compensated]) if compensated else None,
+        over_compensation_ci95=_interval(compensated, seed) if compensated else None,
+        compensation_std=_rms([left for left, _ in of_own_mean]) if compensated else None,
+        over_compensation_std_ci95=_interval(of_own_mean, seed) if compensated else None,
     )
 
 
