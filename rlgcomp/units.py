@@ -254,6 +254,15 @@ def display_unit(column: str) -> str:
     return f"{base}/{found['per']}{power}" if found["per"] else f"{base}{power}"
 
 
+def is_thermometer(column: str) -> bool:
+    """Whether a column of a recording is a thermometer's.
+
+    >>> is_thermometer("temperature_block_degC"), is_thermometer("temperature_bridge_V")
+    (True, False)
+    """
+    return column.startswith("temperature_") and column.endswith("_degC")
+
+
 def header_unit(header: str) -> tuple[str, str | None]:
     """Split a laboratory header into name and unit.
 

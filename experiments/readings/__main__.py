@@ -16,7 +16,8 @@ from experiments.concealed.chamber import Unit
 from experiments.concealed.logger import Logger
 from experiments.concealed.operators import first_order
 from experiments.tables import show_table
-from rlgcomp.numerics.readings import Readings, diffuses, readings_of
+from rlgcomp.numerics.readings import Readings, readings_of
+from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
 BINS = 2000
@@ -81,7 +82,7 @@ def of_unit(rng: np.random.Generator) -> Iterator[tuple[str, tuple[float, ...]]]
             truth, unit = chamber[name], logger.monitor_noise[name] / np.sqrt(rows)
             kind = "light" if name.startswith("light") else "readouts" if name.startswith("readout") else "other monitors"
         true = bin_means(truth, bins, rows)
-        alone = Readings.of(recorded[name], binned[name], diffuses=diffuses(name)).values
+        alone = Readings.of(recorded[name], binned[name], diffuses=is_thermometer(name)).values
         sizes = [rms(one - true) / unit for one in (binned[name], alone, course.values)]
         rate = rms(np.gradient(course.values - true)) / rms(np.gradient(binned[name] - true))
         yield kind, (*sizes, rate, float(np.mean((course.values - true) ** 2 / (course.variance + course.rounding))))

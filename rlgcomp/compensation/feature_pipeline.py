@@ -17,6 +17,7 @@ from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
 from rlgcomp.report.messages import Message, message
+from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
 
@@ -312,7 +313,7 @@ def nearly_standard(runs: Sequence[Recording], wanted: str | Sequence[str] = "al
     remarks = []
     for column in columns:
         own = is_gyro(column) or is_compensation(column) or column in (*_MONITORS, *TABLE, TIME) or column.startswith("accel_")
-        if own or _is_thermometer(column) or column in feature_names(wanted):
+        if own or is_thermometer(column) or column in feature_names(wanted):
             continue
         if close := difflib.get_close_matches(column.lower(), lacking, n=1, cutoff=_NEARLY):
             remarks.append(message("compensation.nearly_standard", column=column, nearest=lacking[close[0]]))
@@ -362,8 +363,4 @@ def _group(name: str, runs: Sequence[Recording]) -> list[Feature]:
 
 
 def _has_thermometer(run: Recording) -> bool:
-    return any(_is_thermometer(column) for column in run.columns)
-
-
-def _is_thermometer(column: str) -> bool:
-    return column.startswith("temperature_") and column.endswith("_degC")
+    return any(is_thermometer(column) for column in run.columns)

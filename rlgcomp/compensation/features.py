@@ -19,6 +19,7 @@ import numpy.typing as npt
 from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.numerics.filters import low_pass
 from rlgcomp.numerics.hysteresis import Play
+from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
 State = Any
@@ -72,7 +73,7 @@ class Level:
 
     @property
     def group(self) -> str:
-        if self.column.startswith("temperature_"):
+        if is_thermometer(self.column):
             return "temperature"
         return "light_intensity" if self.column == "light_intensity_V" else self.column
 

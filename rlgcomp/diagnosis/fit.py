@@ -20,11 +20,11 @@ from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.lateness import LATE_MONITOR, LATE_THERMOMETER, Late
 from rlgcomp.diagnosis.selections import BY_RUN, parameter_by_run
 from rlgcomp.diagnosis.states import State
-from rlgcomp.numerics.readings import diffuses
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages.wording import estimate_text
+from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
 _SIDE: Final = 1.0 / 32.0  # step of the grid at which the curvature of the evidence is taken
@@ -183,7 +183,7 @@ class Fit:
                 return CLOCK, {run: Estimate(one * offset_s, sd * abs(offset_s), "s") for run, one, sd in each}
             case Late():
                 window_s = scale * self.data.runs[0].grid.window_s
-                kind = LATE_THERMOMETER if diffuses(lead.column) else LATE_MONITOR
+                kind = LATE_THERMOMETER if is_thermometer(lead.column) else LATE_MONITOR
                 return kind, {lead.column: Estimate(float(weights[0] * window_s), math.sqrt(covariance[0, 0]) * window_s, "s")}
         return region, {}
 

@@ -47,7 +47,7 @@ from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme, sample_count
 from rlgcomp.simulation.table_programme import TableProgramme
 from rlgcomp.simulation.turntable import Turntable
-from rlgcomp.units import SECONDS_PER_HOUR
+from rlgcomp.units import SECONDS_PER_HOUR, is_thermometer
 
 Array = npt.NDArray[np.float64]
 _LAGS_S: Final = np.geomspace(50.0, 15_000.0, 16)
@@ -99,7 +99,7 @@ class Laboratory:
             No thermometer is in all of them.
         """
         shared = [name for name in runs[0].columns if all(name in run for run in runs)]
-        temperatures = [name for name in shared if name.startswith("temperature_")]
+        temperatures = [name for name in shared if is_thermometer(name)]
         if not temperatures:
             raise InputError(f"{', '.join(run.name for run in runs)} have no thermometer in common; record one in all of them")
         answers = {lead: {name: _answer(runs, lead, name) for name in temperatures if name != lead} for lead in temperatures}
@@ -307,4 +307,4 @@ class RateTable:
 
 def thermometer_of(run: Recording) -> str | None:
     """The column that the catalogue means by temperature; None of a run without thermometers."""
-    return run.temperature_column if any(column.startswith("temperature_") for column in run.columns) else None
+    return run.temperature_column if any(is_thermometer(column) for column in run.columns) else None

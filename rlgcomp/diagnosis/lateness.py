@@ -21,8 +21,8 @@ from rlgcomp.diagnosis.bases import Basis
 from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.terms import Form, Region
-from rlgcomp.numerics.readings import diffuses, noise_variance
-from rlgcomp.units import SECONDS_PER_MINUTE
+from rlgcomp.numerics.readings import noise_variance
+from rlgcomp.units import SECONDS_PER_MINUTE, is_thermometer
 
 Array = npt.NDArray[np.float64]
 LATE_THERMOMETER: Final = "late thermometer"
@@ -118,7 +118,7 @@ class Late(Basis):
 def late_regions(data: Data) -> Iterator[Region]:
     """A region for each column; their forms follow from a set (:func:`late_form`)."""
     for column in data.columns:
-        odds = priors.LATE_ODDS if diffuses(column) else priors.LATE_MONITOR_ODDS
+        odds = priors.LATE_ODDS if is_thermometer(column) else priors.LATE_MONITOR_ODDS
         yield Region(LATE + column, None, math.log(odds), (), (column,), "dynamic", nuisance=True)
 
 
@@ -130,7 +130,7 @@ def late_bases(data: Data, region: Region, prediction: Prediction) -> list[Late]
     """
     driver = Driver.of(data, *region.drivers)
     rates, move = [Path.rate(data, driver)], _MOVE
-    if not diffuses(driver.columns[0]):
+    if not is_thermometer(driver.columns[0]):
         rates = list(dict.fromkeys([*rates, Path.rate_over(data, driver, _QUICKEST_RATE)]))
         move = min(max(prediction.lags.get(driver.columns[0], _MOVE), _LEAST_MOVE), priors.LATE_MONITOR[1])
     alone = dataclasses.replace(prediction, parts=())
@@ -148,7 +148,7 @@ def late_form(region: Region, basis: Late, strength: float) -> Form | None:
     strength : float
         Of a lag of a window.
     """
-    low, high = priors.LATE if diffuses(region.drivers[0]) else priors.LATE_MONITOR
+    low, high = priors.LATE if is_thermometer(region.drivers[0]) else priors.LATE_MONITOR
     if strength * high < _UNSEEN:
         return None
     lags = high * priors.SIZES / priors.SIZES[_LARGEST]

@@ -39,6 +39,7 @@ from rlgcomp.diagnosis.times import Since, SmoothSince
 from rlgcomp.diagnosis.waves import harmonics, lines, wanders
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
+from rlgcomp.units import is_thermometer
 
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
@@ -129,7 +130,7 @@ def _more_lags(setting: Setting) -> Callable[[Form], Iterator[Form]]:
 
 
 def _gradients(setting: Setting) -> list[Family]:
-    thermometers = [c for c in setting.data.columns if c.startswith("temperature_")]
+    thermometers = [c for c in setting.data.columns if is_thermometer(c)]
     own = setting.temperature.columns[0]
     pairs = [(own, c) for c in thermometers if c != own] + list(itertools.combinations([c for c in thermometers if c != own], 2))
     families = []
@@ -376,7 +377,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
 
 def _between(setting: Setting, log_odds: float) -> Iterator[Region]:
     """Functions of the temperature of a place between two thermometers, or a little beyond one of them."""
-    thermometers = [column for column in setting.data.columns if column.startswith("temperature_")]
+    thermometers = [column for column in setting.data.columns if is_thermometer(column)]
     for one, other in itertools.combinations(thermometers, 2):
         places = [Driver.of(setting.data, one, other, combination="between", share=share) for share in _PLACES]
         leads: list[tuple[Basis, ...]] = [

@@ -10,6 +10,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.bases import Basis, Power, Smooth
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.units import is_thermometer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,13 +28,13 @@ class Setting:
     @property
     def other_thermometers(self) -> tuple[Driver, ...]:
         """Of other places than the one that the catalogue means by temperature."""
-        columns = [c for c in self.data.columns if c.startswith("temperature_") and c != self.temperature.columns[0]]
+        columns = [c for c in self.data.columns if is_thermometer(c) and c != self.temperature.columns[0]]
         return tuple(Driver.of(self.data, column) for column in columns)
 
     @property
     def has_thermometer(self) -> bool:
         """Whether what stands for the temperature is one."""
-        return self.temperature.columns[0].startswith("temperature_")
+        return is_thermometer(self.temperature.columns[0])
 
     @property
     def thermal(self) -> Path:

@@ -29,7 +29,7 @@ from rlgcomp.compensation.models.cubic import CubicLeastSquares
 from rlgcomp.errors import InputError
 from rlgcomp.recording import is_gyro
 from rlgcomp.report.messages import Message, message
-from rlgcomp.units import convert
+from rlgcomp.units import convert, is_thermometer
 
 Array = npt.NDArray[np.float64]
 AXES: Final = "xyz"
@@ -164,7 +164,7 @@ def _temperature(model: Compensator) -> str:
     """The one input of a cubic, which must be a thermometer."""
     names = model.pipeline_.names
     cubic = isinstance(model.model_, CubicLeastSquares) and model.model_.degree <= 3
-    thermometer = len(names) == 1 and names[0].startswith("temperature_") and names[0].endswith("_degC")
+    thermometer = len(names) == 1 and is_thermometer(names[0])
     if not (cubic and thermometer and is_gyro(model.gyro_)):
         raise InputError(
             f"the model of {model.gyro_} is a {type(model.model_).__name__} on {', '.join(names)}; an autopilot takes a cubic in "

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from rlgcomp.numerics.courses import Course
 from rlgcomp.numerics.filters import lag
+from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -171,11 +172,6 @@ class Readings:
         return of_values, of_rates * self.each**2
 
 
-def diffuses(column: str) -> bool:
-    """Whether it is a thermometer's."""
-    return column.startswith("temperature_")
-
-
 def bin_of_each(time_s: Array, middles_s: Array) -> IntArray | None:
     """Bin of each sample, below 0 and from the number of bins on outside of all; None where bins are missing.
 
@@ -204,14 +200,14 @@ def readings_of(full: Mapping[str, Array], binned: Mapping[str, Array], bin_of: 
     bin_of : ndarray of int, shape (samples,), optional
         As of :meth:`Readings.of`.
     """
-    found = {name: Readings.of(full[name], values, bin_of, diffuses=diffuses(name)) for name, values in binned.items()}
+    found = {name: Readings.of(full[name], values, bin_of, diffuses=is_thermometer(name)) for name, values in binned.items()}
     spreads = {name: spread for name, one in found.items() if (spread := float(np.std(one.values))) > 0.0}  # finite ones alone
-    thermometers = [name for name in spreads if diffuses(name)]
+    thermometers = [name for name in spreads if is_thermometer(name)]
     followed = {
         name: found[name].following([found[other].values / spreads[other] for other in thermometers if other != name])
         for name in thermometers
     }
-    noisy = [name for name in spreads if found[name].noise and not found[name].step and not diffuses(name)]
+    noisy = [name for name in spreads if found[name].noise and not found[name].step and not is_thermometer(name)]
     if len(noisy) > 1:
         columns, noises = np.column_stack([binned[name] for name in noisy]), np.array([found[name].noise for name in noisy])
         for name, values, variance, widths in zip(noisy, *(one.T for one in smoothed_together(columns, noises)), strict=True):

@@ -35,6 +35,7 @@ from rlgcomp.recording.metadata import PREDICTED, Finding, Kind, Metadata
 from rlgcomp.recording.sampling import DEFAULT_AVERAGING_S, GAP_PERIODS, LEAST_COVERAGE, FullWindows, Sampling
 from rlgcomp.report.messages import message
 from rlgcomp.report.notebook import table_html
+from rlgcomp.units import is_thermometer
 
 __all__ = [
     "DEFAULT_AVERAGING_S", "ENCODERS", "FEWEST_ROWS", "GAP_PERIODS", "GYRO_UNITS", "LEAST_COVERAGE", "PREDICTED", "TIME",
@@ -259,7 +260,7 @@ class Recording:
         InputError
             There is no thermometer.
         """
-        thermometers = [column for column in self.columns if column.startswith("temperature_") and column.endswith("_degC")]
+        thermometers = [column for column in self.columns if is_thermometer(column)]
         if not thermometers:
             raise InputError(f"{self.name} has no temperature_..._degC column; map one with --map temperature_block_degC=NAME")
         return "temperature_block_degC" if "temperature_block_degC" in thermometers else thermometers[0]

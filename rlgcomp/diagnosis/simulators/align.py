@@ -45,7 +45,7 @@ from rlgcomp.numerics.hysteresis import Play
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.report.messages import Message, message
-from rlgcomp.units import PPM
+from rlgcomp.units import PPM, is_thermometer
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -309,7 +309,7 @@ def _slow_physics(recording: Recording) -> list[Array]:
     """What a simulation may lack that looks like a late clock."""
     columns = []
     for name in recording.columns:
-        if name.startswith("temperature_") and name.endswith("_degC"):
+        if is_thermometer(name):
             values, time_s = recording.column(name), recording.time_s
             if np.ptp(values) == 0.0:
                 continue

@@ -23,7 +23,7 @@ from rlgcomp.physics.plugins import error_line, load_python
 from rlgcomp.recording import TIME, Recording, is_gyro
 from rlgcomp.recording.motion import ANGLES, RATE, angle_deg
 from rlgcomp.report.messages import Message, message
-from rlgcomp.units import column_unit, convert
+from rlgcomp.units import column_unit, convert, is_thermometer
 
 Array = npt.NDArray[np.float64]
 _PARTS: Final = 200  # in which the courses of two runs are compared
@@ -200,7 +200,7 @@ def _require_order(runs: Sequence[Recording], simulated: Sequence[Recording], gy
 
 def _require_same_course(runs: Sequence[Recording], simulated: Sequence[Recording]) -> None:
     """Refuse a simulation whose thermometer goes another way than the same one of its run, where both move."""
-    for column in (name for name in runs[0].columns if name.startswith("temperature_")):
+    for column in (name for name in runs[0].columns if is_thermometer(name)):
         if not all(column in run and np.ptp(run.column(column)) > _MOVES_K for run in (*runs, *simulated)):
             continue
         ours, theirs = (np.array([_course(run, run.column(column)) for run in some]) for some in (runs, simulated))
