@@ -274,6 +274,12 @@ def test_mode_hop_begins_where_it_came_from(start: str, first: float) -> None:
     assert outside.basis(rlg.Recording(pd.DataFrame(table)))[0, 0] == 1.0
 
 
+@pytest.mark.parametrize(("half_step_deg_h", "dwell_s"), [(1e-5, 0.01), (1344.0, 122.0), (1e6, 1e5)])
+def test_telegraph_may_be_that_of_any_gyro(half_step_deg_h: float, dwell_s: float) -> None:
+    """Gyros of 1e-4 to 1e5 deg/h, samples every 0.001 to 60 s."""
+    rlg.CATALOGUE["random_telegraph"](half_step_deg_h=half_step_deg_h, dwell_s=dwell_s)
+
+
 def test_telegraph_has_its_covariance() -> None:
     telegraph = rlg.CATALOGUE["random_telegraph"](half_step_deg_h=0.004, dwell_s=500.0)
     run = rlg.Simulator(noise=rlg.NoiseModel()).simulate("start 20, hold 3000", step_s=10.0)

@@ -25,8 +25,8 @@ class RandomTelegraph(Mechanism):
     reference = "S. Machlup, Noise in semiconductors: spectrum of a two-parameter random signal, J. Appl. Phys. 25, 341 (1954)."
     drivers = ()
 
-    half_step_deg_h: float = shape(0.005, "deg/h", 0.0, 10.0)
-    dwell_s: float = shape(3600.0, "s", 10.0, 86400.0)
+    half_step_deg_h: float = shape(0.005, "deg/h", 0.0, 1e9)
+    dwell_s: float = shape(3600.0, "s", 1e-4, 1e8)
 
     def basis(self, recording: Recording) -> Array:
         return np.empty((len(recording), 0))
