@@ -46,9 +46,21 @@ def test_each_hop_has_its_thresholds_and_its_step(found: Diagnosis) -> None:
         assert 0.0 < one.step.sd < 0.01
 
 
+def test_each_threshold_has_an_error(found: Diagnosis) -> None:
+    """Dead bands were printed to four digits that nothing resolves."""
+    (hop,) = found.members
+    for one, up, down in zip(hop.switches, UP, DOWN, strict=True):
+        for value, sd, true in ((one.up, one.up_sd, up), (one.down, one.down_sd, down)):
+            assert 0.1 < sd < 1.2  # a window of 210 s moves by up to 1.2 K
+            assert abs(value - true) < 3.0 * sd
+    first = hop.switches[0]
+    assert first.place == f"from {first.up:.2f} ± {first.up_sd:.2f} degC on, until {first.down:.2f} ± {first.down_sd:.2f} degC"
+
+
 def test_they_are_printed(found: Diagnosis) -> None:
     (hop,) = found.members
     content = found.to_mapping()["findings"][0]["switches"]
     assert [entry["up"]["unit"] for entry in content] == ["degC"] * 3
     assert content[0]["step"]["value"] == hop.switches[0].step.value
+    assert content[0]["up"]["sd"] == hop.switches[0].up_sd
     assert all(one.text in str(found) for one in hop.switches)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.lateness import LATE_MONITOR, LATE_THERMOMETER, Late
 from rlgcomp.diagnosis.selections import BY_RUN, parameter_by_run
 from rlgcomp.diagnosis.states import State
+from rlgcomp.diagnosis.terms import Form
 from rlgcomp.numerics.robust import LEAST_P_VALUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording
@@ -270,18 +272,21 @@ class Fit:
         """Window means of columns, whitened by the noise of the set, less what the baseline absorbs."""
         return self._evidence.whitened.project(columns)
 
-    def spread(self, k: int, name: str, value: float, lead: int = 0) -> float:
-        """Standard deviation of a nonlinear parameter of a leading basis, of the fall of the evidence to both sides."""
+    def falls(self, k: int, forms: Sequence[Form]) -> list[float]:
+        """Falls of the log evidence with other forms in place of the k-th member's own; infinite of one that cannot be."""
         members = self.state.members
         given = self._evidence.given((*members[:k], *members[k + 1 :]))
         at = int(np.argmin(np.abs(priors.SIZES - members[k].size)))
         here = float(given.gain(members[k].form)[at])
-        spreads = []
-        for form in members[k].form.nearby(_SIDE):
-            moved = form.lead[lead].parameters()[name] - value
-            if abs(moved) > 0.0 and self.bank.scaled(form) is not None:
-                fall = max(here - float(given.gain(form)[at]), 1e-3)
-                spreads.append(abs(moved) / math.sqrt(2.0 * fall))
+        return [here - float(given.gain(form)[at]) if self.bank.scaled(form) is not None else math.inf for form in forms]
+
+    def spread(self, k: int, name: str, value: float, lead: int = 0) -> float:
+        """Standard deviation of a nonlinear parameter of a leading basis, of the fall of the evidence to both sides."""
+        forms = self.state.members[k].form.nearby(_SIDE)
+        moved = [abs(form.lead[lead].parameters()[name] - value) for form in forms]
+        near = [(by, form) for by, form in zip(moved, forms, strict=True) if by > 0.0 and self.bank.scaled(form) is not None]
+        falls = self.falls(k, [form for _, form in near])
+        spreads = [by / math.sqrt(2.0 * max(fall, 1e-3)) for (by, _), fall in zip(near, falls, strict=True)]
         return float(np.median(spreads)) if spreads else 0.0
 
 
