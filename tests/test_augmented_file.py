@@ -14,6 +14,7 @@ from rlgcomp.diagnosis.bank import Bank
 from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.bases import Glitch, Magnitude, Power, Product, Shift, Smooth, SmoothBetween
 from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.evidence import Member
 from rlgcomp.diagnosis.fit import Fit
@@ -176,3 +177,25 @@ def test_a_rate_that_jumps_from_row_to_row_is_read_as_it_is() -> None:
 def test_a_table_that_is_none_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="tabulated_law"):
         TabulatedLaw.from_mapping(wrong)
+
+
+def test_a_rate_of_noisy_readings_comes_back_as_the_mechanism(tmp_path: File) -> None:
+    """Its slopes are over a window that the readings' noise asks for; it was a table of 27 knots without a number to read."""
+    mechanisms = [{"thermal_polynomial": {"degree": 1}}, {"temperature_rate": {"k_deg_h_min_K": -0.4}}]
+    noise = {"angle_random_walk_deg_sqrt_h": 0.005}
+    real = Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": noise})
+    rng, noisy = np.random.default_rng(2), []
+    for run in (real.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)):
+        block = run.column("temperature_block_degC") + 0.02 * rng.standard_normal(len(run))
+        noisy.append(run.replace(table=run.table.assign(temperature_block_degC=block), truth=None))
+    free = {"temperature_rate": {"k_deg_h_min_K": "free"}}
+    known = Simulator.from_mapping({"kind": "chamber", "mechanisms": [mechanisms[0], free]})
+    found = diagnose(known, noisy, only=["supply_voltage"], black_box=False)
+    found.augmented.to_yaml(tmp_path / "augmented.yaml")
+    again = Simulator.from_yaml(tmp_path / "augmented.yaml")
+    (rate,) = [one for one in again.mechanisms if one.name == "temperature_rate"]
+    estimate = found.recalibration["temperature_rate"]["k_deg_h_min_K"]
+    assert rate.k_deg_h_min_K == pytest.approx(estimate.value)
+    assert rate.averaging_s > 0.0
+    assert again.free["temperature_rate"] == {"k_deg_h_min_K"}
+    assert found.augmented_file.error < 0.2

@@ -223,8 +223,10 @@ def _numbers(values: Any) -> tuple[float, ...]:
 
 _FORMS: Final[dict[type[Mechanism], Any]] = {
     ThermalPolynomial: _polynomial,
-    TemperatureRate: lambda mechanism, columns, runs: [_rate(columns, runs)],
-    RateAsymmetry: lambda mechanism, columns, runs: [{**_rate(columns, runs), "function": "magnitude"}],
+    TemperatureRate: lambda mechanism, columns, runs: [_rate(columns, runs, mechanism.averaging_s or None)],
+    RateAsymmetry: lambda mechanism, columns, runs: [
+        {**_rate(columns, runs, mechanism.averaging_s or None), "function": "magnitude"}
+    ],
     ThermalLag: lambda mechanism, columns, runs: [
         {"driver": columns[0], "memory": "lags", "knots": (mechanism.time_constant_s,), "weights": (1.0,)}
     ],

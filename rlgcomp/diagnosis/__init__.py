@@ -52,6 +52,7 @@ Modules, each importing only from those before it (`tests/test_architecture.py`)
     lines       frequency and width of a line that is not its mechanism's own
     time_laws   parameters of a law of time in its own equation
     decide      what is stated: every threshold
+    stated      equations as they were found, and names of their numbers
     parameters  parameters of an equation, and whether it describes a term
     tabulated_laws  bases with their weights as tables of a simulator file
     simulator_file  the fitted model as a simulator: mechanisms, and tables where none expresses a term

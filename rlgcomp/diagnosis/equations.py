@@ -279,7 +279,7 @@ def _expression(tree: Tree, library: Any) -> Any:
 
 _MEANINGS: Final = (
     ("b", r"^b = ", "contribution to the output"),
-    ("k", r"\bk\b(?!\()", "amplitude: output per unit of what it multiplies"),
+    ("k", r"\bk(?:_\d)?\b(?!\()", "amplitude: output per unit of what it multiplies"),
     ("u", r"\bu\b", "{drivers}"),
     ("T", r"\bT\b(?!_)", "{temperature}"),
     ("D", r"\bD\b", "{drivers}"),
@@ -299,6 +299,9 @@ _MEANINGS: Final = (
     ("slab", r"\bslab\b", "layer that conducts heat from the driver's side"),
     ("f", r"\bf\(", "smooth function, drawn below with its band"),
     ("s", r"\bs\(", "output of the simulator"),
+    ("c", r"- c\b|\bc - ", "value taken off the driver, in its unit: a corner, or where it is zero"),
+    ("p", r"\^p\b", "exponent"),
+    ("w", r"/ w\)", "width over which it bends, in the driver's unit"),
     ("w", r"\+ w \(", "how far from the one place to the other, 0 to 1"),
     ("z", r"\bz\b", "inner state of the loop, from -1 to 1"),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
@@ -19,6 +20,7 @@ from rlgcomp.diagnosis.parameters import of_law, of_mechanism
 from rlgcomp.diagnosis.posterior import Posterior
 from rlgcomp.diagnosis.selections import amplitudes_have_a_mean, by_run, runs_of
 from rlgcomp.diagnosis.simulator_file import mechanisms_of
+from rlgcomp.diagnosis.stated import equation_of
 from rlgcomp.diagnosis.switches import Switch, switches_of
 from rlgcomp.diagnosis.time_laws import time_law_of
 from rlgcomp.errors import InputError
@@ -107,13 +109,19 @@ class Cause:
     terms: Callable[[], Sequence[Mechanism]] = dataclasses.field(default=tuple, repr=False)
 
     @property
+    def states_its_numbers(self) -> bool:
+        """Whether its equation has all of its parameters by name."""
+        return bool(self.parameters) and all(re.search(rf"\b{name}\b", self.equation) for name in self.parameters)
+
+    @property
     def _of_catalogue(self) -> bool:
         return self.mechanism is not None and bool(self.parameters) and not self.own_form
 
     @property
     def formula(self) -> str:
         """The mechanism's equation where its parameters express the term, the form's elsewhere."""
-        return self.mechanism().stated() if self.mechanism is not None and self._of_catalogue else self.equation
+        usual = self.mechanism().stated() if self.mechanism is not None and self._of_catalogue else self.equation
+        return self.equation if self.states_its_numbers else usual
 
     @property
     def latex(self) -> str:
@@ -194,17 +202,18 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     estimates: dict[str, Estimate]
     of_catalogue = mechanism is not None and one.region == one.mechanism
     estimates, left = of_mechanism(fit, k, mechanism) if of_catalogue else ({}, ())
-    own_form = mechanism is not None and not estimates
+    named = bool(estimates)
     estimates = estimates or line_of(fit, k) or time_law_of(fit, k)
     if not estimates and not left:
         estimates, left = of_law(fit, k, unit)
+    own_form = mechanism is not None and not named and "slower_share" not in estimates
     estimates = {name: dataclasses.replace(each, unit=in_unit(each.unit, unit)) for name, each in estimates.items()}
     contribution = fit.data.means(functools.partial(fit.term, k))[fit.data.of_windows]
     return Cause(
         parameters={name: each for name, each in estimates.items() if each.sd <= abs(each.value)},
         undetermined=(*left, *(name for name, each in estimates.items() if each.sd > abs(each.value))),
         approximate=bool(left),
-        equation=form.equation,
+        equation=equation_of(form, mechanism, tuple(estimates)),
         own_form=own_form,
         drivers=region.drivers,
         memory=region.memory,

@@ -23,18 +23,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth
+from rlgcomp.diagnosis.bases import Basis, Own, Smooth
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.fit import Estimate, Fit
-from rlgcomp.diagnosis.memories import Plays
-from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
-from rlgcomp.diagnosis.relaxations import Lag
 from rlgcomp.diagnosis.selections import by_run, in_all_runs, runs_of
-from rlgcomp.diagnosis.symmetries import Sign
+from rlgcomp.diagnosis.stated import all_names, are_decays, number_of, ranks, together
 from rlgcomp.diagnosis.turning import RatePower, TimesRate
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.units import display_unit
+from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 
 Array = npt.NDArray[np.float64]
 _SAME: Final = 0.05  # of the white noise of a window mean: what leaves less, or less than a law's discrepancy, describes it
@@ -95,6 +92,8 @@ def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str
     Last those that are not determined because the function departs from that equation.
     """
     member, bases = fit.parts[k]
+    if bases and not by_run(member.form) and (orders := together(member.form.lead)) is not None:
+        return _of_each_order(fit, k, orders)
     if not bases or len(member.form.lead) != 1 or by_run(member.form) or not member.form.lead[0].of_mechanism:
         return {}, ()
     (lead,) = member.form.lead
@@ -240,25 +239,49 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
     """
     member, bases = fit.parts[k]
     lead = member.form.lead
-    names = [_names(basis, unit, j) for j, basis in enumerate(lead)]
+    names = all_names(lead, unit)
     if not bases or by_run(member.form) or not all(names):
         return (_of_path(fit, k, lead[0]) if bases and len(lead) == 1 else {}), ()
     found = _nearest(fit, k, np.hstack([fit.bank.columns(basis) / basis.per_unit() for basis in lead]))
     if not found.holds:
         return {}, tuple(name for of_lead in names for name, _ in of_lead.values())
-    estimates, sds = {}, []
+    estimates: dict[str, Estimate] = {}
+    sds = []
     for j, (basis, of_lead) in enumerate(zip(lead, names, strict=True)):
         spreads = {name: fit.spread(k, name, value, j) for name, value in basis.parameters().items()}
         sds.append(spreads)
         for own, value in basis.parameters().items():
             name, of = of_lead[own]
             estimates[name] = Estimate(value, spreads[own], of)
-    variance = np.diag(found.covariance + _of_shapes(fit, k, found.values, sds, own_units=True)) + found.most**2
+    covariance = found.covariance + _of_shapes(fit, k, found.values, sds, own_units=True) + np.diag(found.most**2)
+    if are_decays(lead) and np.prod(found.values) > 0.0:
+        return {**_shares(found.values, covariance, ranks(lead), unit), **estimates}, ()
     amplitudes = {
         name: Estimate(float(value), math.sqrt(square), of)
-        for (name, of), value, square in zip((one[""] for one in names), found.values, variance, strict=True)
+        for (name, of), value, square in zip((one[""] for one in names), found.values, np.diag(covariance), strict=True)
     }
-    return {**amplitudes, **estimates}, ()
+    ordered = sorted({**amplitudes, **estimates}.items(), key=lambda item: number_of(item[0]))
+    return dict(ordered), ()
+
+
+def _shares(values: Array, covariance: Array, ranks: Sequence[int], unit: str) -> dict[str, Estimate]:
+    """Amplitudes of two decays of one sign as the warm-up of the catalogue has them: their sum, and the share of the slower one."""
+    total, slow = float(values.sum()), np.array(ranks, dtype=np.float64)
+    share = float(slow @ values) / total
+    slope = (slow - share) / total
+    sd, of_share = math.sqrt(float(covariance.sum())), math.sqrt(float(slope @ covariance @ slope))
+    return {"initial_deg_h": Estimate(total, sd, unit), "slower_share": Estimate(share, of_share, "1")}
+
+
+def _of_each_order(fit: Fit, k: int, orders: RotationHarmonics) -> tuple[dict[str, Estimate], tuple[str, ...]]:
+    """Amplitudes of several orders of a table's angle, each a leading basis."""
+    lead, parameters = fit.parts[k][0].form.lead, orders.amplitude_parameters()
+    found = _nearest(fit, k, np.hstack([fit.bank.columns(basis) for basis in lead]))
+    if not found.holds:
+        return {}, tuple(p.name for p in parameters)
+    sds = np.sqrt(np.diag(found.covariance) + found.most**2)
+    values = zip(parameters, found.values, sds, strict=True)
+    return {p.name: Estimate(float(value), float(sd), p.unit) for p, value, sd in values}, ()
 
 
 def _of_path(fit: Fit, k: int, basis: Basis) -> dict[str, Estimate]:
@@ -267,29 +290,3 @@ def _of_path(fit: Fit, k: int, basis: Basis) -> dict[str, Estimate]:
     if not isinstance(basis, Smooth):
         return {}
     return {name: Estimate(value, fit.spread(k, name, value), _UNITS[name]) for name, value in basis.parameters().items()}
-
-
-def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
-    """Names and units of a leading basis's coefficient, under no name, and of its shapes; empty of one whose equation has none."""
-    basis = in_all_runs(basis)
-    match basis:
-        case Sign():
-            return {"": ("c", unit), "w": ("w", display_unit(basis.driver.columns[0]))}
-        case Lag() | Plays(spread=False):
-            of = display_unit(basis.driver.columns[0])
-            return {"": ("k", _per(unit, of)), "time_constant_s": ("time_constant_s", "s"), "radius": ("radius", of)}
-        case Power(degree=1) | Saturation() | Hinge() | SignedPower():
-            path = basis.path
-            of = f"{path.driver.unit}/min" if path.driver.unit and path.memory == "rate" else path.driver.unit
-            second = place > 0 and isinstance(basis, Hinge)
-            if isinstance(basis, Saturation):
-                return {"": ("k", unit), "c": ("c", of), "w": ("w", of)}
-            if isinstance(basis, SignedPower):
-                return {"": ("k", _per(unit, of, f"^{basis.exponent:.3g}")), "p": ("p", ""), "c": ("c", of)}
-            return {"": ("l" if second else "k", _per(unit, of)), "c": ("d" if second else "c", of)}
-    return {}
-
-
-def _per(unit: str, of: str, power: str = "") -> str:
-    """A unit over another."""
-    return f"{unit}/{of if of.isalpha() or len(of) == 1 else f'({of})'}{power}" if of else f"{unit} per unit of the column{power}"

@@ -14,20 +14,22 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.baseline import CONSTANT, amplitude_of_run
 from rlgcomp.diagnosis.bases import Basis, Own
 from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.drivers import Path
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Followed
 from rlgcomp.diagnosis.parameters import points_of, settings_of
+from rlgcomp.diagnosis.stated import are_decays, together
 from rlgcomp.diagnosis.tabulated_laws import laws_of
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
-from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 from rlgcomp.physics.tabulated_law import TabulatedLaw
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.units import SECONDS_PER_HOUR
 
 Array = npt.NDArray[np.float64]
 _Catalogue = Mapping[str, type[Mechanism]]
+_OF_WINDOWS: Final = 0.2  # the same of a slope over rows for one over bins: its numbers are worth more than what it is off by
 _SAME: Final = 0.05  # of the white noise of a window mean, or of a term that no table holds: a mechanism off by less expresses it
 
 
@@ -117,8 +119,10 @@ def _baseline(fit: Fit) -> tuple[float, list[Mechanism]]:
         if own is not None and fitted.amplitude_parameters():
             weights = fitted.amplitude_values() / own.per_unit()
             column = fit.bank.columns(own) @ weights
-            other = _means(fit, fitted)
-            if np.std(column - other) > _SAME * fit.white:
+            other, limit = _means(fit, fitted), _SAME
+            if np.std(column - other) > limit * fit.white and (over := _over_window(fitted, own)) != fitted:
+                fitted, other, limit = over, _means(fit, over), _OF_WINDOWS
+            if np.std(column - other) > limit * fit.white:
                 pieces, whole = laws_of(fit, [(own, weights)], mechanism.name)
                 if whole:
                     found += pieces
@@ -175,7 +179,10 @@ def _leading(fit: Fit, k: int, catalogue: _Catalogue) -> tuple[tuple[Mechanism, 
     form = catalogue.get(member.form.region)
     edges = np.cumsum([0, *(fit.bank.columns(basis).shape[1] for basis, _ in bases)])
     parts = [(basis, scale * weights[a:b]) for (basis, scale), a, b in zip(bases, edges[:-1], edges[1:], strict=True)]
-    named = _orders(parts[:lead]) if form is None or lead != 1 else _named(fit, k, parts[0], form)
+    if form is not None and lead == 1:
+        named = _named(fit, k, parts[0], form)
+    else:
+        named = _orders(parts[:lead]) or (None if form is None else _decays(fit, parts[:lead], form))
     return named, parts if named is None else parts[lead:]
 
 
@@ -194,7 +201,7 @@ def _named(fit: Fit, k: int, part: tuple[Basis, Array], form: type[Mechanism]) -
     scale = max(fit.white, float(np.std(wanted))) if isinstance(basis, Followed) else fit.white
     best: tuple[float, Mechanism, float] | None = None
     for point in points_of(form, settings_of(form)):
-        mechanism = _checked(point, values)
+        mechanism = _checked(_over_window(point, basis), values)
         if mechanism is None or not _used(mechanism) <= set(values):
             continue
         off = wanted - _means(fit, mechanism)
@@ -202,6 +209,14 @@ def _named(fit: Fit, k: int, part: tuple[Basis, Array], form: type[Mechanism]) -
         if size < _SAME * scale and (best is None or size < best[0]):
             best = size, mechanism, float(np.mean(off))
     return None if best is None else best[1:]
+
+
+def _over_window(mechanism: Mechanism, basis: Basis) -> Mechanism:
+    """A mechanism of a rate of change with slopes over the window of a basis; any other as it is."""
+    path = getattr(basis, "path", None)
+    if not isinstance(path, Path) or path.memory != "rate" or not hasattr(mechanism, "averaging_s"):
+        return mechanism
+    return _with(mechanism, {"averaging_s": path.time_s})
 
 
 def _means(fit: Fit, mechanism: Mechanism) -> Array:
@@ -220,13 +235,31 @@ def _repeating(fit: Fit, k: int, catalogue: _Catalogue) -> Array:
 
 def _orders(parts: Sequence[tuple[Basis, Array]]) -> tuple[Mechanism, float] | None:
     """Several orders of a table's angle as one mechanism, and no constant; None where they are something else."""
-    found: RotationHarmonics | None = None
-    for j, (basis, weights) in enumerate(parts, 1):
-        if not isinstance(basis, Own) or not isinstance(basis.mechanism, RotationHarmonics) or len(basis.mechanism.orders) > 1:
-            return None
-        numbers = {f"cosine_{j}_deg_h": float(weights[0]), f"sine_{j}_deg_h": float(weights[1])}
-        found = dataclasses.replace(found or basis.mechanism, **{f"order_{j}": basis.mechanism.order_1}, **numbers)  # type: ignore[arg-type]
-    return None if found is None else (found, 0.0)
+    found = together([basis for basis, _ in parts])
+    if found is None:
+        return None
+    values = np.concatenate([weights for _, weights in parts])
+    numbers = {p.name: float(value) for p, value in zip(found.amplitude_parameters(), values, strict=True)}
+    return dataclasses.replace(found, **numbers), 0.0  # type: ignore[arg-type]
+
+
+def _decays(fit: Fit, parts: Sequence[tuple[Basis, Array]], form: type[Mechanism]) -> tuple[Mechanism, float] | None:
+    """Two decays of one sign as one mechanism, and by what constant it is off; None where they are something else."""
+    if "two" not in settings_of(form).get("terms", ()) or not are_decays([basis for basis, _ in parts]):
+        return None
+    fast_s, slow_s = sorted(basis.parameters()["time_constant_s"] for basis, _ in parts)
+    times = {"time_constant_s": fast_s, "slower_time_constant_s": slow_s}
+    single = [_checked(form(terms="two"), {**times, "initial_deg_h": 1.0, "slower_share": share}) for share in (0.0, 1.0)]  # type: ignore[call-arg]
+    if None in single:
+        return None
+    term = np.sum([fit.bank.columns(basis) @ weights for basis, weights in parts], axis=0)
+    columns = np.column_stack([_means(fit, one) for one in single if one is not None])
+    fast, slow = np.linalg.lstsq(columns, term, rcond=1e-12)[0].tolist()  # rows count from the first one, bins from its beginning
+    if fast * slow <= 0.0 or np.std(columns @ (fast, slow) - term) > _SAME * fit.white:
+        return None
+    values = times | {"initial_deg_h": fast + slow, "slower_share": slow / (fast + slow)}
+    mechanism = _checked(form(terms="two"), values)  # type: ignore[call-arg]
+    return None if mechanism is None else (mechanism, float(np.mean(term - columns @ (fast, slow))))
 
 
 def _used(mechanism: Mechanism) -> set[str]:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from rlgcomp.numerics.filters import rate_per_min
-from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 
 
@@ -18,6 +18,7 @@ class RateAsymmetry(Mechanism):
     .. math:: b = k \left| \frac{dT}{dt} \right|
 
     Together with :class:`TemperatureRate` it gives heating and cooling a coefficient each, k_rate + k and k_rate - k.
+    `averaging_s` is as there.
     """
 
     name = "rate_asymmetry"
@@ -31,7 +32,8 @@ class RateAsymmetry(Mechanism):
     drivers = (TEMPERATURE,)
 
     k_deg_h_min_K: float = amplitude(0.005, "deg/h per K/min")
+    averaging_s: float = setting(0.0, "s", low=0.0, high=1e8)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
-        return np.abs(rate_per_min(temperature, recording.time_s))[:, None]
+        return np.abs(rate_per_min(temperature, recording.time_s, self.averaging_s or None))[:, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from rlgcomp.numerics.filters import rate_per_min
-from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude
+from rlgcomp.physics.mechanism import TEMPERATURE, Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 
 
@@ -15,7 +15,8 @@ class TemperatureRate(Mechanism):
 
     .. math:: b = k \, \frac{dT}{dt}
 
-    Heating and cooling have opposite signs; at constant temperature the bias vanishes.
+    Heating and cooling have opposite signs; at constant temperature the bias vanishes. Slopes are taken over `averaging_s`;
+    at zero, over as long as the noise of the readings asks.
     """
 
     name = "temperature_rate"
@@ -28,7 +29,8 @@ class TemperatureRate(Mechanism):
     drivers = (TEMPERATURE,)
 
     k_deg_h_min_K: float = amplitude(0.005, "deg/h per K/min")
+    averaging_s: float = setting(0.0, "s", low=0.0, high=1e8)
 
     def basis(self, recording: Recording) -> Array:
         (temperature,) = self.read(recording)
-        return rate_per_min(temperature, recording.time_s)[:, None]
+        return rate_per_min(temperature, recording.time_s, self.averaging_s or None)[:, None]
