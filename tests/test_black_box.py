@@ -88,6 +88,29 @@ def test_a_better_mean_of_a_run_is_no_law_of_recorded_columns(found: Diagnosis) 
     assert wandering.learnt is None
 
 
+def test_findings_that_make_test_runs_worse_are_told_first(found: Diagnosis) -> None:
+    """An LS-SVM that had learnt nothing was better than a law that did harm: "recorded columns hold more than is named"."""
+    worse, before = dataclasses.replace(found), found.test
+    assert before is not None
+    rms, std = before.baseline_rms, before.baseline_std
+    changed = {"augmented_rms": 1.31 * rms, "augmented_std": 1.31 * std, "improvement": -0.31, "improvement_ci95": (-0.5, -0.16)}
+    nothing = {"compensation_rms": 0.999 * rms, "compensation_std": 0.999 * std}
+    over = {"over_compensation_ci95": (-0.5, -0.16), "over_compensation_std_ci95": (-0.5, -0.16)}
+    vars(worse)["test"] = dataclasses.replace(before, **changed, **nothing, **over)
+    first, *others = worse.remarks
+    assert first.code == "diagnosis.findings_worse"
+    assert first.data["mechanisms"] == ["supply_voltage"]
+    assert "31 % more error" in first.text
+    assert "LS-SVM learns nothing" in first.text
+    assert "diagnosis.compensation_better" not in {one.code for one in others}
+    learnt = dataclasses.replace(found)
+    vars(learnt)["test"] = dataclasses.replace(before, **changed, **over)
+    first, second, *_ = learnt.remarks
+    assert "LS-SVM" not in first.text
+    assert second.code == "diagnosis.compensation_better"
+    assert "diagnosis.findings_worse" not in {one.code for one in found.remarks}
+
+
 def test_it_can_be_left_out(found: Diagnosis) -> None:
     alone = dataclasses.replace(found, black_box=None)
     assert alone.to_mapping()["black_box"] is None

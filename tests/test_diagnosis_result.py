@@ -7,6 +7,7 @@ import html
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,7 @@ from rlgcomp.diagnosis.diagnose import diagnose
 from rlgcomp.diagnosis.fit import Estimate
 from rlgcomp.diagnosis.process import Process
 from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.text import place_text
+from rlgcomp.diagnosis.text import VERDICTS, place_text
 from rlgcomp.errors import InputError
 from rlgcomp.physics.user import user_catalogue
 from rlgcomp.recording import Recording
@@ -218,6 +219,79 @@ def test_the_page_holds_what_was_found(found: Diagnosis, tmp_path: Path) -> None
     sentences = [one.text.replace("supply_voltage ", "supply voltage ") for one in found.messages]
     for part in (*sentences, "<h1>The simulator lacks supply voltage</h1>", "supply_voltage_V", "run1", "run2", "deg/h"):
         assert part in page
+
+
+def with_cause(found: Diagnosis, **changes: Any) -> Diagnosis:
+    """The same with another finding."""
+    other = dataclasses.replace(found)
+    vars(other)["members"] = tuple(dataclasses.replace(one, **changes) for one in found.members)
+    return other
+
+
+def told(found: Diagnosis, code: str) -> list[str]:
+    """Texts of the remarks of a code."""
+    return [one.text for one in found.remarks if one.code == f"diagnosis.{code}"]
+
+
+def test_the_first_sentence_has_the_verdict(found: Diagnosis) -> None:
+    assert str(found).startswith("Verdict: explained (each effect found has a known mechanism). The simulator lacks")
+    for verdict in VERDICTS:
+        other = dataclasses.replace(found, decision=dataclasses.replace(found.decision, verdict=verdict))
+        assert str(other).startswith(f"Verdict: {verdict}")
+
+
+def test_shares_are_those_of_all_that_is_missing(found: Diagnosis) -> None:
+    rows, _ = text.place_rows(found)
+    assert rows[-1][0] == text.REST
+    assert sum(float(share.removesuffix(" %")) for _, share in rows) == pytest.approx(100.0, abs=1.5)
+    assert text.REST in str(found)
+
+
+def test_a_form_that_is_not_determined_is_told_as_that(found: Diagnosis) -> None:
+    other = with_cause(found, approximate=True, parameters={}, undetermined=("k", "c"), equation="b = k f(V)")
+    assert "about b = k f(V): the driver is determined, the form is not" in str(other)
+    assert "so k and c of that equation stay undetermined" in told(other, "approximate")[0]
+    assert "so k of that equation stays undetermined" in told(with_cause(other, undetermined=("k",)), "approximate")[0]
+
+
+def test_a_term_that_is_larger_than_the_mismatch_is_told(found: Diagnosis) -> None:
+    assert not told(found, "larger_than_mismatch")
+    large = with_cause(found, rms=3.4 * found.train.baseline_rms)
+    assert "is larger than the whole mismatch" in told(large, "larger_than_mismatch")[0]
+
+
+def test_a_line_of_another_phase_in_each_run_is_told_as_that(found: Diagnosis) -> None:
+    line = with_cause(found, runs={"run0": 0.0066, "run1": 0.0065}, has_mean=False)
+    (sentence,) = told(line, "phase_by_run")
+    assert "The phase of supply_voltage differs from run to run" in sentence
+    assert "test runs are predicted without it" in sentence
+    assert not told(line, "strength_by_run")
+    line = with_cause(line, has_mean=True)
+    assert "other runs are predicted with the mean amplitude" in told(line, "strength_by_run")[0]
+    assert not told(line, "phase_by_run")
+
+
+def test_biases_of_runs_are_told_beside_the_gain_about_their_means(found: Diagnosis) -> None:
+    fit = dataclasses.replace(found.after)
+    vars(fit)["numbers"] = {"run bias": {"run0": Estimate(0.5, 0.1, "deg/h")}}
+    beside = dataclasses.replace(found, after=fit)
+    assert found.test is not None
+    assert f"own mean there is {100.0 * found.test.improvement_std:.0f} % less error" in told(beside, "run_biases")[0]
+    assert "mean" not in told(dataclasses.replace(beside, test_runs=()), "run_biases")[0]
+
+
+def test_a_two_state_process_is_told_not_to_be_in_the_file(found: Diagnosis, runs: list[Recording], tmp_path: Path) -> None:
+    """It was absent without a word, and its own numbers were beyond the bounds of a simulator file."""
+    numbers = {"half_step_deg_h": Estimate(1344.0, 11.0, "deg/h"), "dwell_s": Estimate(2.5, 0.4, "s")}
+    beside = with_cause(found, name="random_telegraph", parameters=numbers)
+    (sentence,) = told(beside, "telegraph_not_in_file")
+    assert "the test runs among them, are predicted without it" in sentence
+    added = sentence.partition("`- ")[2].partition("`")[0]
+    (tmp_path / "gyro.yaml").write_text(f"kind: chamber\nmechanisms:\n- {added}\n")
+    simulator = Simulator.from_yaml(tmp_path / "gyro.yaml")
+    (telegraph,) = simulator.mechanisms
+    assert telegraph.to_mapping() == {"half_step_deg_h": 1344.0, "dwell_s": 2.5}
+    assert not simulator.predict(runs[0]).rate_deg_h().any()
 
 
 def test_candidates_can_be_left_out(runs: list[Recording]) -> None:

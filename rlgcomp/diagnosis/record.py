@@ -300,7 +300,8 @@ class Record:
         if proof is not None and proof.compensation_std is not None and proof.over_compensation_std_ci95 is not None:
             if proof.over_compensation_std_ci95[1] >= 0.0:
                 return None
-            unexplained, left, averaging_s = proof.augmented_std, proof.compensation_std, window_s
+            unexplained = min(proof.augmented_std, proof.baseline_std)  # findings may have made it larger
+            left, averaging_s = proof.compensation_std, window_s
         elif any(one.drivers for one in self.members):
             return None
         else:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rlgcomp.diagnosis.clocks import CLOCK
 from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.decide import TELEGRAPH
 from rlgcomp.diagnosis.drivers import Driver, Path
 from rlgcomp.diagnosis.errors import within
 from rlgcomp.diagnosis.findings import Cause
@@ -38,6 +39,8 @@ _LARGE: Final = 4.0  # each so many times as large as their sum
 _FILE_ERROR: Final = 0.2  # of the noise of a window mean
 _OTHER_NOISE: Final = 1.5
 _BEATEN: Final = 0.02  # of the error, by which an LS-SVM leaves less at least
+_LESS: Final = 0.05  # of the error, by which an LS-SVM that has learnt something leaves less
+_LARGER: Final = 1.5  # times the mismatch, from which on a larger term is told
 _LEARNT: Final = 0.5  # of what the findings leave, that recorded columns together tell where a cause follows none
 _CLEAR_LAG: Final = 3.0  # standard deviations of a lag, from which on it is told
 
@@ -117,11 +120,13 @@ def _errors(score: Score) -> dict[str, Any]:
 def remarks(record: Record) -> tuple[Message, ...]:
     """Remarks beside headline and gain, the most consequential first."""
     every = (
+        *_worse(record),
         *record.warnings,
         *_doubts(record),
         *_black_box(record),
         *_gain_of_numbers(record),
         *_selections(record),
+        *_larger(record),
         *_rests(record),
         *_baseline(record),
         *_forms(record),
@@ -162,6 +167,28 @@ def _doubts(record: Record) -> Iterator[Message]:
         )
 
 
+def _worse(record: Record) -> Iterator[Message]:
+    """Findings that make runs worse which they were not fitted to."""
+    names = [one.name for one in record.members] or ["wander"] * record.decision.wander  # a wander predicts nothing
+    for runs, one in (("test", record.test), ("confirm", record.confirm)):
+        if names and one is not None and one.improvement_ci95[1] < 0.0:
+            yield message(
+                "diagnosis.findings_worse",
+                mechanisms=names,
+                runs=runs,
+                **_errors(one),
+                improvement=one.improvement,
+                interval=one.improvement_ci95,
+                compensation=None if _learns(one) else one.compensation_rms,
+            )
+            return
+
+
+def _learns(one: Score) -> bool:
+    """Whether the LS-SVM leaves clearly less of runs than the calibrated simulator does, each run about its mean."""
+    return one.compensation_std is not None and one.compensation_std < (1.0 - _LESS) * one.baseline_std
+
+
 def _black_box(record: Record) -> Iterator[Message]:
     """Where an LS-SVM of recorded columns learns more than is named, which leaves more than noise."""
     box, learnt = record.black_box, record.learnt
@@ -172,7 +199,7 @@ def _black_box(record: Record) -> Iterator[Message]:
     for runs, one in (("test", record.test), ("confirm", record.confirm)):
         if one is None or one.over_compensation_ci95 is None or one.over_compensation_std_ci95 is None:
             continue
-        if one.augmented_std <= one.noise_floor_rms:
+        if one.augmented_std <= one.noise_floor_rms or not _learns(one):
             continue
         if one.over_compensation_ci95[1] < -_BEATEN and one.over_compensation_std_ci95[1] < 0.0:
             yield message(
@@ -206,7 +233,10 @@ def _baseline(record: Record) -> Iterator[Message]:
     found = record.recalibration
     if RUN_BIAS in found:
         biases, sds = _by_run(found[RUN_BIAS])
-        yield message("diagnosis.run_biases", biases=biases, sds=sds, unit=record.unit)
+        about = {}
+        if record.test is not None and record.verdict != "none":
+            about = {"improvement": record.test.improvement_std, "interval": record.test.improvement_std_ci95}
+        yield message("diagnosis.run_biases", biases=biases, sds=sds, unit=record.unit, **about)
     if CLOCK in found:
         offsets_s, sds_s = _by_run(found[CLOCK])
         yield message("diagnosis.clock_of_all_runs", offsets_s=offsets_s, sds_s=sds_s)
@@ -256,13 +286,23 @@ def _gain_of_numbers(record: Record) -> Iterator[Message]:
 
 
 def _selections(record: Record) -> Iterator[Message]:
-    """Findings that act in some of the runs, or by another amplitude in each."""
+    """Findings that act in some of the runs, or by another amplitude or phase in each."""
     for cause in record.members:
         if len(cause.acts_in) < len(cause.runs):
             yield message("diagnosis.in_some_runs", mechanism=cause.name, runs=cause.acts_in, of=len(cause.runs))
-        elif cause.runs:
+        elif cause.has_mean:
             told = {"opposite_in": cause.opposite_in, "has_mean": cause.has_mean}
             yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit, **told)
+        elif cause.runs:  # a wave
+            yield message("diagnosis.phase_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit)
+
+
+def _larger(record: Record) -> Iterator[Message]:
+    """Findings that are larger than all that is missing."""
+    mismatch = record.train.baseline_rms
+    terms = {cause.name: cause.rms for cause in record.members if cause.rms > _LARGER * mismatch}
+    if terms:
+        yield message("diagnosis.larger_than_mismatch", terms=terms, mismatch=mismatch, unit=record.unit)
 
 
 def _rests(record: Record) -> Iterator[Message]:
@@ -362,6 +402,10 @@ def _file(record: Record) -> Iterator[Message]:
     if record.verdict == "none":
         return
     file, alone, test = record.augmented_file, record.file_rms, record.test
+    for cause in record.members:
+        if cause.name == TELEGRAPH:
+            half_step, dwell_s = (one.value for one in cause.parameters.values())
+            yield message("diagnosis.telegraph_not_in_file", half_step=half_step, dwell_s=dwell_s)
     if test is not None and alone is not None and abs(alone - test.augmented_rms) > _OTHER_FILE * test.augmented_rms:
         yield message(
             "diagnosis.file_gain",

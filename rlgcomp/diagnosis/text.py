@@ -31,13 +31,20 @@ GROUPS: Final = {
 SCORE_COLUMNS: Final = ("runs", "before", "after", "LS-SVM", "noise", "improvement", "95 % interval")
 MEMBER_COLUMNS: Final = ("what", "probability", "rms of the term", "follows", "parameters", "perhaps instead")
 PLACE_COLUMNS: Final = ("place", "share")
+REST: Final = "the rest of the time of all runs"
+VERDICTS: Final = {
+    "none": "Verdict: none.",
+    "explained": "Verdict: explained (each effect found has a known mechanism).",
+    "ambiguous": "Verdict: ambiguous (these runs allow more than one answer).",
+    "unknown": "Verdict: unknown (not all that is missing has a known mechanism).",
+}
 _SHOWN: Final = 6
 
 
 def as_text(record: Record) -> str:
     """The whole diagnosis, the verdict first."""
     gained = gain(record)
-    parts = ["\n".join([headline(record).text, *([] if gained is None else [gained.text])])]
+    parts = ["\n".join([f"{VERDICTS[record.verdict]} {headline(record).text}", *([] if gained is None else [gained.text])])]
     if rows := member_rows(record):
         parts.append(_table("What is missing", MEMBER_COLUMNS, rows))
     if record.alternatives:
@@ -45,8 +52,8 @@ def as_text(record: Record) -> str:
         parts.append(_table("Sets of causes, the named one first", ("set", "probability"), sets))
     if record.where:
         title = f"Where the runs disagree with the calibrated simulator ({p_text(record.p_value)} if nothing were missing)"
-        by_run, by_regime = place_rows(record)
-        parts.append(_table(f"{title}: by run, from its start", PLACE_COLUMNS, by_run[:_SHOWN]))
+        by_run, by_regime = place_rows(record, _SHOWN)
+        parts.append(_table(f"{title}: by run, from its start", PLACE_COLUMNS, by_run))
         if by_regime:
             parts.append(_table("The same mismatch divided again, by what the driver does in all runs", PLACE_COLUMNS, by_regime))
     parts.append(_table(_score_title(record), SCORE_COLUMNS, score_rows(record)))
@@ -100,12 +107,12 @@ def member_rows(record: Record) -> list[list[str]]:
             followed(one),
             "; ".join(
                 [
-                    *([one.equation] if one.parameters and one.own_form else []),
+                    *([one.equation] if one.parameters and (one.own_form or one.states_its_numbers) else []),
                     *(f"{name} = {e.text}" for name, e in one.parameters.items()),
                 ]
             )
             or "; ".join(switch.text for switch in one.switches)
-            or f"{one.equation}{', about: its numbers are not determined' * one.approximate}",
+            or (f"about {one.equation}: the driver is determined, the form is not" if one.approximate else one.equation),
             region_words(listing(instead(one), "or")),
         ]
         for one in record.members
@@ -144,10 +151,16 @@ def place_text(place: Place, began_s: float = 0.0) -> str:
     return f"{place.run} {place.channel}, {span_text(place.start_s - began_s, place.end_s - began_s)}"
 
 
-def place_rows(record: Record) -> tuple[list[list[str]], list[list[str]]]:
-    """Places of the mismatch with shares: intervals of runs; regimes of the driver in all runs, which divide the same sum again."""
+def place_rows(record: Record, most: int | None = None) -> tuple[list[list[str]], list[list[str]]]:
+    """Places of the mismatch with shares: intervals of runs; regimes of the driver in all runs, which divide the same sum again.
+
+    Intervals are so many at most, and what is outside of them is the last row.
+    """
     began_s = {run.name: float(run.recording.time_s[0]) for run in record.after.data.runs}
-    by_run = [[place_text(one, began_s[one.run]), percent_text(one.share)] for one in record.where if not one.regime]
+    intervals = [one for one in record.where if not one.regime][:most]
+    by_run = [[place_text(one, began_s[one.run]), percent_text(one.share)] for one in intervals]
+    if intervals:
+        by_run.append([REST, percent_text(max(1.0 - sum(one.share for one in intervals), 0.0))])
     regimes: dict[str, float] = {}
     for one in record.where:
         if one.regime:

@@ -151,9 +151,21 @@ def bias_step(run: str, at_s: float, since_start_s: float, size: float, sd: floa
     )
 
 
-def run_biases(biases: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+def run_biases(
+    biases: Mapping[str, float],
+    sds: Mapping[str, float],
+    unit: str,
+    improvement: float | None = None,
+    interval: Sequence[float] | None = None,
+) -> str:
     texts = [f"{run} {estimate_text(value, sds[run], unit)}" for run, value in biases.items()]
-    return f"Each run has a bias of its own: {listing(texts)}."
+    tested = ""
+    if improvement is not None:
+        tested = (
+            " The test runs have such biases too, which no other run tells and which stay in their error. About each run's own "
+            f"mean there is {change_text(improvement, interval)}."
+        )
+    return f"Each run has a bias of its own: {listing(texts)}.{tested}"
 
 
 def late_thermometer(column: str, lag_s: float, sd_s: float, instead: Sequence[str]) -> str:
@@ -198,10 +210,10 @@ def rested(mechanism: str, column: str, value: float, unit: str) -> str:
 
 
 def approximate(mechanism: str, equation: str, parameters: Sequence[str]) -> str:
-    numbers = listing(parameters)
+    numbers, stay = listing(parameters), "stays" if len(parameters) == 1 else "stay"
     return (
-        f"The function found for {region_words(mechanism)} is only about {equation}, so {numbers} of that equation "
-        "stays undetermined; diagnosis.json and the figure give the function found."
+        f"What {region_words(mechanism)} follows is determined, its form is not: the function found is only about {equation}, so "
+        f"{numbers} of that equation {stay} undetermined; diagnosis.json and the figure give the function found."
     )
 
 
@@ -336,6 +348,52 @@ def in_some_runs(mechanism: str, runs: Sequence[str], of: int) -> str:
     return (
         f"{region_words(mechanism)} acts in {listing(runs)} alone, of {of} training runs: whether it acts in another run is "
         "not known, and test runs are predicted without it."
+    )
+
+
+def phase_by_run(mechanism: str, rms: Mapping[str, float], unit: str) -> str:
+    sizes = listing([f"{value:.3g} {unit} in {run}" for run, value in rms.items()])
+    return (
+        f"The phase of {region_words(mechanism)} differs from run to run and is known of no other run: test runs are predicted "
+        f"without it, and it stays in their error (its rms is {sizes})."
+    )
+
+
+def telegraph_not_in_file(half_step: float, dwell_s: float) -> str:
+    return (
+        "augmented.yaml does not hold random_telegraph: when it flips is another matter in each run. Other runs, the test runs "
+        "among them, are predicted without it, and it stays in their error. To simulate runs that have it, add to the mechanisms "
+        f"of that file: `- random_telegraph: {{half_step_deg_h: {half_step:.4g}, dwell_s: {dwell_s:.4g}}}`."
+    )
+
+
+def larger_than_mismatch(terms: Mapping[str, float], mismatch: float, unit: str) -> str:
+    texts = listing([f"{region_words(name)} ({rms:.3g} {unit})" for name, rms in terms.items()])
+    verb = "are each" if len(terms) > 1 else "is"
+    return (
+        f"{texts} {verb} larger than the whole mismatch of the training runs ({mismatch:.3g} {unit}): terms cancel each other in "
+        "part, or the simulator's own free terms take most of it up."
+    )
+
+
+def findings_worse(
+    mechanisms: Sequence[str],
+    runs: str,
+    before: float,
+    after: float,
+    floor: float,
+    unit: str,
+    improvement: float,
+    interval: Sequence[float],
+    compensation: float | None = None,
+) -> str:
+    box = ""
+    if compensation is not None:
+        box = f" An LS-SVM learns nothing of them from recorded columns either: it leaves {rms_text(compensation, floor)} {unit}."
+    return (
+        f"What was found in the training runs does not hold in the {runs} runs: with {_words(mechanisms)} the simulator leaves "
+        f"{rms_text(after, floor)} {unit} of them, without {rms_text(before, floor)} {unit}: "
+        f"{change_text(improvement, interval)}.{box}"
     )
 
 
