@@ -59,6 +59,22 @@ def test_a_line_has_a_frequency(stray: Callable[[rlg.Recording, int], Array]) ->
         assert width["value"] == pytest.approx(1.5 / 9000.0 / np.sqrt(2.0), rel=0.3)
 
 
+def test_harmonics_of_a_loud_line_follow_its_frequency() -> None:
+    """Were they left at the frequency that the periodogram shows, a slow error or a frequency that wanders would make up for it."""
+
+    def stray(run: rlg.Recording, k: int) -> Array:
+        turn = 2.0 * np.pi * run.time_s / 1643.0 + 2.1 * k
+        return np.asarray(0.1 * (np.sin(turn) + 0.45 * np.sin(2.0 * turn + 1.0) + 0.3 * np.sin(4.0 * turn + 2.0)))
+
+    diagnosis = diagnosed(stray, 2.0)
+    assert diagnosis.verdict == "explained"
+    assert not diagnosis.decision.wander
+    (cause,) = diagnosis.causes
+    assert cause.equation == "b = wave of frequency_hz, of a phase in each run"
+    frequency = cause.parameters["frequency_hz"]
+    assert frequency.value == pytest.approx(1.0 / 1643.0, abs=4.0 * frequency.sd)
+
+
 def test_the_amplitude_of_a_line_may_follow_a_column() -> None:
     def stray(run: rlg.Recording, k: int) -> Array:
         voltage = run.table["supply_voltage_V"].to_numpy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Final
@@ -32,6 +33,7 @@ _GIVEN: Final = 1_000_000  # numbers in columns of sets that are in the model
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
 _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
+_FINEST_OF_LOUD: Final = _FINEST / 64.0  # while smaller steps are still worth it, as those of a frequency are
 _COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
 _FEW: Final = 3
 _NARROW: Final = 4  # leading columns
@@ -164,6 +166,18 @@ class Members:
         i, j = np.unravel_index(int(np.argmax(table)), table.shape)
         return float(table[i, j]), Member(region.forms[places[i]], float(priors.SIZES[j]))
 
+    def proposed(self, region: Region, given: Conditional) -> tuple[float, Member] | None:
+        """The likeliest of what the residual proposes, that of each near equation polished, for lines are far from it before."""
+        assert region.propose is not None  # noqa: S101
+        possible, table = gains(given, region.propose(given.residual()))
+        best: dict[str, tuple[float, Member]] = {}
+        for form, row in zip(possible, table, strict=True):
+            j = int(np.argmax(row))
+            one = float(row[j]) + form.log_share, Member(form, float(priors.SIZES[j]))
+            best[form.equation] = max(best.get(form.equation, one), one, key=lambda found: found[0])
+        nearest = sorted(best.values(), key=lambda one: one[0], reverse=True)[:_EQUATIONS]
+        return max((self.polished(*one, given) for one in nearest), key=lambda one: one[0], default=None)
+
     def of_equations(self, region: Region, given: Conditional, noise: Noise) -> list[Form]:
         """The likeliest form of the region's first equation and of its likeliest ones."""
         ordered = self.by_equation(region, given, noise)
@@ -272,17 +286,17 @@ class Members:
         return given.polished[key]
 
     def _moved(self, value: float, member: Member, given: Conditional, last: bool, least: float) -> tuple[float, Member]:
-        step = 0.5
-        while step >= least:
-            forms = member.form.nearby(step)
-            if last:
-                forms = tuple(form for form in forms if form.lead[:-1] == member.form.lead[:-1])
-            better = self._better(value, member, forms, given)
-            if better is not None:
-                value, member = better
-            else:
-                step *= 0.5
+        step, moved = 0.5, False
+        while step >= least or (moved and least <= _FINEST and step >= _FINEST_OF_LOUD):
+            moved = False
+            while (better := self._better(value, member, self._moves(member.form, step, last), given)) is not None:
+                (value, member), moved = better, True
+            step *= 0.5
         return value, member
+
+    def _moves(self, form: Form, step: float, last: bool) -> tuple[Form, ...]:
+        forms = form.nearby(step)
+        return tuple(moved for moved in forms if moved.lead[:-1] == form.lead[:-1]) if last else forms
 
     def exact(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
         """A polished form, or the likeliest without its smooth departures or those made of its leading bases, polished by itself.
@@ -290,7 +304,7 @@ class Members:
         A law that is its equation as far as the runs show is learnt from fewer numbers, and predicts other runs the better.
         """
         form = member.form
-        rest = tuple(make for make in form.own if not isinstance(make, type))
+        rest = tuple(make for make in form.own if isinstance(make, functools.partial))  # amplitudes by run
         plain = {(smooth, own) for smooth in (form.smooth, ()) for own in (form.own, rest)} - {(form.smooth, form.own)}
         for smooth, own in sorted(plain, key=lambda one: (len(one[0]), len(one[1]))):
             tried = self.best(given, dataclasses.replace(form, smooth=smooth, own=own))

@@ -286,7 +286,7 @@ class States(Members):
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         region, given = self.regions[own.form.region], self.given(noise, others)
         value, member = self.best(given, own.form)
-        found = self.best_of_region(region, given, noise)
+        found = self.best_of_region(region, given, noise) if region.propose is None else self.proposed(region, given)
         if found is not None and found[0] > value + WORTH:
             value, member = found
         if value - given.log_evidence > _CLEAR:

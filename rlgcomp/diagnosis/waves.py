@@ -18,6 +18,7 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.bases import Basis, EachRun
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.drivers import Driver, Path
+from rlgcomp.diagnosis.selections import OnlyIn
 from rlgcomp.diagnosis.setting import Setting
 from rlgcomp.diagnosis.terms import WANDER, Form
 from rlgcomp.diagnosis.times import Following, Modulated, Wave, Wide, mean_and_width
@@ -25,7 +26,7 @@ from rlgcomp.diagnosis.times import Following, Modulated, Wave, Wide, mean_and_w
 _CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
 _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
 _PEAKS: Final = 2
-_HARMONICS: Final = 3
+_HARMONICS: Final = 5
 _MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency wanders
 _MOST_KNOTS: Final = 24  # of a harmonic
 _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
@@ -63,8 +64,8 @@ class _Waves:
         """Of a form at one place, be it a line or wider: the prior does not jump where the name does."""
         return -math.log(2.0 * max(1, len(self.places)))
 
-    def one(self, place: float, times: float = 1.0) -> Wave:
-        return Wave(times * place * self.step_hz, self.step_hz)
+    def one(self, place: float) -> Wave:
+        return Wave(place * self.step_hz, self.step_hz)
 
     def modulated(self, place: float, knots: int) -> EachRun:
         """A wave of a frequency that wanders."""
@@ -90,6 +91,33 @@ def _is_line(place: float, knots: int) -> bool:
     return place / _OVERSAMPLING >= _QUALITY * _WIDTH * knots
 
 
+def _with_wave(basis: Basis, change: Callable[[Wave], Wave]) -> Basis:
+    """The wave of a basis changed, where it acts as the basis does: in each run or in some of them."""
+    if isinstance(basis, EachRun | OnlyIn):
+        return dataclasses.replace(basis, basis=_with_wave(basis.basis, change))
+    wave = basis if isinstance(basis, Wave) else getattr(basis, "wave", None)
+    assert isinstance(wave, Wave)  # noqa: S101
+    return change(wave)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Harmonic:
+    """Makes the harmonic of an order of a wave; it goes with the wave's frequency while that is polished."""
+
+    order: int
+
+    def __call__(self, basis: Basis) -> Basis:
+        return _with_wave(basis, lambda wave: dataclasses.replace(wave, frequency_hz=self.order * wave.frequency_hz))
+
+
+def _growing(basis: Basis) -> Basis:
+    """A wave whose amplitude grows with the time in a run."""
+    return _with_wave(basis, lambda wave: dataclasses.replace(wave, growing=True))
+
+
+_HIGHER: Final[tuple[Callable[[Basis], Basis], ...]] = tuple(_Harmonic(order) for order in range(2, _HARMONICS + 1))
+
+
 def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
     """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each.
 
@@ -98,19 +126,16 @@ def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[
     waves, data = _Waves(setting.data), setting.data
     columns = [Path(Driver.of(data, column)) for column in data.columns]
 
-    def harmonics_of(place: float, each: bool) -> tuple[Basis, ...]:
-        found = [waves.one(place, float(k)) for k in range(1, _HARMONICS + 1)]
-        return tuple(EachRun(wave, waves.names) for wave in found) if each else tuple(found)
-
     def forms(place: float, each: bool) -> Form:
-        first, *higher = harmonics_of(place, each)
-        sides = () if each else (dataclasses.replace(waves.one(place), growing=True),)
+        first = EachRun(waves.one(place), waves.names) if each else waves.one(place)
+        own = _HIGHER if each else (*_HIGHER, _growing)
         phase = "of a phase in each run" if each else "of one phase"
-        return Form(key, f"b = wave of frequency_hz, {phase}", (first,), (*higher, *sides), (), waves.log_share)
+        return Form(key, f"b = wave of frequency_hz, {phase}", (first,), (), own, waves.log_share)
 
     def wandering(place: float, knots: int) -> Form:
         equation = "b = wave of a frequency that wanders about frequency_hz"
-        return Form(key, equation, (waves.modulated(place, knots),), harmonics_of(place, True)[1:], (), waves.log_share)
+        steady = EachRun(waves.one(place), waves.names)
+        return Form(key, equation, (waves.modulated(place, knots),), tuple(one(steady) for one in _HIGHER), (), waves.log_share)
 
     def following(place: float, by: Path) -> Form:
         equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
