@@ -22,8 +22,8 @@ exceeds the probability of the likeliest set × the second."""
 EXCHANGED: Final = 0.1
 """Probability, over that of the likeliest set, of a set with one member exchanged or left out, from which on the two cannot be
 told apart."""
-SURE: Final = 0.8
-"""Probability from which on a member is named without its exchanges."""
+SURE: Final = 0.9
+"""Probability from which on a member is named without its exchanges: one in ten of those below is another of them."""
 LOUDER: Final = 1e-3
 """Probability of noise as large as it is under what is stated, below which that does not explain the runs."""
 TELEGRAPH: Final = "random_telegraph"
@@ -89,7 +89,7 @@ def decided(posterior: Posterior) -> Decision:
     if (not regions and not latent) or posterior.null * FALSE_FINDING > own * MISSED:
         return Decision("none", ())
     named, unstated = [], []
-    for key in sorted(regions, key=posterior.of_region, reverse=True):
+    for key in sorted(sorted(regions), key=posterior.of_region, reverse=True):
         probability = posterior.of_region(key)
         partners = {other: p for other, p in posterior.instead_of(key).items() if p > EXCHANGED * own}
         partners = partners if probability < SURE else {}
