@@ -203,7 +203,9 @@ def test_a_lag_approaches_a_step() -> None:
     assert (ramp - lagged(ramp, 1.0, 5.0))[-1] == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize(("averaged", "correlation"), [(relaxation, lambda u: np.exp(-u)), (smooth_relaxation, lambda u: (1.0 + u) * np.exp(-u))])
+@pytest.mark.parametrize(
+    ("averaged", "correlation"), [(relaxation, lambda u: np.exp(-u)), (smooth_relaxation, lambda u: (1.0 + u) * np.exp(-u))]
+)
 @pytest.mark.parametrize("windows", [1.0, 3.0, 40.0])
 def test_relaxation_is_averaged_over_windows(
     averaged: Callable[[int, float], Array], correlation: Callable[[Array], Array], windows: float
