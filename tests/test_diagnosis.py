@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import signal
 from scipy.stats import norm
 
 from rlgcomp.diagnosis import priors
@@ -24,7 +23,7 @@ from rlgcomp.diagnosis.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.evidence import Evidence, Member
 from rlgcomp.diagnosis.fit import Fit
 from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
-from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation, smooth_relaxation
+from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
 from rlgcomp.diagnosis.process import Process, slow_columns
 from rlgcomp.diagnosis.screen import Layout, Screen
 from rlgcomp.diagnosis.setting import Setting
@@ -203,28 +202,12 @@ def test_a_lag_approaches_a_step() -> None:
     assert (ramp - lagged(ramp, 1.0, 5.0))[-1] == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize(
-    ("averaged", "correlation"), [(relaxation, lambda u: np.exp(-u)), (smooth_relaxation, lambda u: (1.0 + u) * np.exp(-u))]
-)
-@pytest.mark.parametrize("windows", [1.0, 3.0, 40.0])
-def test_relaxation_is_averaged_over_windows(
-    averaged: Callable[[int, float], Array], correlation: Callable[[Array], Array], windows: float
-) -> None:
-    fine = 200
+def test_relaxation_is_averaged_over_windows() -> None:
+    windows, fine = 3.0, 200
     lags = np.arange(4 * fine) / fine
-    exact = correlation(np.abs(lags[:, None] - lags) / windows)
+    exact = np.exp(-np.abs(lags[:, None] - lags) / windows)
     means = exact.reshape(4, fine, 4, fine).mean(axis=(1, 3))
-    assert averaged(4, windows) == pytest.approx(means[0], rel=1e-3)
-
-
-def test_what_has_passed_through_two_relaxations_wanders_smoothly() -> None:
-    """Autocorrelation of noise behind two first-order lags, of samples."""
-    time, steps = 20.0, 400_000
-    pole = np.exp(-1.0 / time)
-    white = np.random.default_rng(1).standard_normal(steps)
-    slow = signal.lfilter([1.0], [1.0, -2.0 * pole, pole**2], white)[2000:]
-    found = [float(np.mean(slow[k:] * slow[: len(slow) - k])) for k in (0, 10, 20, 40)]
-    assert np.array(found) / found[0] == pytest.approx(smooth_relaxation(41, time)[[0, 10, 20, 40]], abs=0.03)
+    assert relaxation(4, windows) == pytest.approx(means[0], rel=1e-3)
 
 
 def test_a_form_of_which_departures_hold_nearly_all_is_charged_for_it(data: Data) -> None:

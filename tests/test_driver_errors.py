@@ -328,7 +328,7 @@ def test_what_is_beside_a_mechanism_and_may_be_nothing_is_no_unknown_physics(unn
         return decided(Posterior((State(more, noise, math.log(odds)), State(less, Noise(), 0.0)), regions)).verdict
 
     assert verdict(2.0, "warm_up") == "ambiguous"
-    assert verdict(5.0, "warm_up") == "unknown"
+    assert verdict(20.0, "warm_up") == "unknown"
     assert verdict(2.0) == "unknown"
 
 

@@ -157,7 +157,7 @@ def test_the_threat_model_names_tests_that_exist() -> None:
     text = (root / "docs" / "threat_model.md").read_text(encoding="utf-8")
     tests = "".join(path.read_text(encoding="utf-8") for path in (root / "tests").glob("test_*.py"))
     assert not [name for name in re.findall(r"`(test_[a-z_0-9]+)`", text) if f"def {name}(" not in tests]
-    sentences = [line for line in text.splitlines() if line.startswith("- ")]
+    sentences = [part.split("\n\n")[0] for part in re.split(r"^- ", text, flags=re.MULTILINE)[1:]]
     assert len(sentences) > 20
     assert all(
         "(" in line for line in sentences if "model's SHA-256" not in line and "large honest" not in line and "invented" not in line

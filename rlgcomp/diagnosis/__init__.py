@@ -17,11 +17,11 @@ Modules, each importing only from those before it (`tests/test_architecture.py`)
     symmetries  laws of a column that changes its sign
     setting     what builders of regions read
     loops       families of relays: hysteresis and mode hops
+    baseline    the simulator, linearised in its free numbers
+    selections  terms in some of the runs, amplitudes by run
     waves       lines that a residual proposes, and smooth wanders
     regions     the regions that are searched
-    baseline    the simulator, linearised in its free numbers
     turning     rows and regions where a table turns
-    selections  terms in some of the runs, amplitudes by run
     lateness    columns that are late
     clocks      the clock of a user's simulation
     nuisances   steps of the bias, biases of runs, late columns, stated numbers that are wrong

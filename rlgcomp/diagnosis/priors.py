@@ -148,5 +148,4 @@ OUTLIER_ODDS: Final = 1e-3
 OUTLIER_SIZE: Final = 8.0
 """Its standard deviation over the white noise: from five on one is seen, beyond thirty it is repaired or a saturation."""
 WANDER_TIMES: Final = (0.01, 0.03, 0.1, 0.3)
-"""Correlation time of a wander over the length of a run; half of all wanders are smooth, for much of what is not recorded, as heat,
-has passed through one more relaxation."""
+"""Correlation time of a wander over the length of a run."""
