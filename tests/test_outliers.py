@@ -90,6 +90,60 @@ def test_the_tip_of_a_steep_course_is_no_outlier() -> None:
     assert np.array_equal(left.time_s, np.delete(recording.time_s, 100))
 
 
+def lagged(values: np.ndarray, samples: float) -> np.ndarray:
+    """Values behind a lag of so many samples."""
+    lagged = np.empty_like(values)
+    lagged[0] = values[0]
+    for k in range(1, len(values)):
+        lagged[k] = lagged[k - 1] + (values[k] - lagged[k - 1]) * -np.expm1(-1.0 / samples)
+    return lagged
+
+
+@pytest.mark.parametrize("sd", [15.0, 25.0, 400.0])
+@pytest.mark.parametrize("lag", [3.0, 5.0])
+def test_a_fast_pulse_that_several_samples_resolve_is_no_outlier(sd: float, lag: float) -> None:
+    """Such as the answer to a light or a supply that is switched on and off behind lags of a few samples."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        switched = np.zeros(700)
+        for at in rng.integers(20, 680, 6):
+            switched[at : at + 6] += rng.choice([-1.0, 1.0])
+        rate = 0.02 * (sd * lagged(lagged(switched, lag), lag) + rng.standard_normal(700))
+        recording = rlg.Recording(pd.DataFrame({"time_s": 0.02 * np.arange(700), "gyro_deg_h": rate}))
+        assert without_gyro_outliers(recording, None) == (recording, ()), seed
+
+
+@pytest.mark.parametrize("rows", [slice(1000, 1003), slice(2000, 2020)])
+@pytest.mark.parametrize("deg_h", [-0.4, 50.0])
+def test_what_a_monitor_does_in_the_same_samples_is_no_outlier(rows: slice, deg_h: float) -> None:
+    sound = run()
+    supply = 15.0 + 0.001 * np.random.default_rng(1).standard_normal(ROWS)
+    quiet, pulsed = sound.table.assign(supply_voltage_V=supply), supply.copy()
+    pulsed[rows] += 0.2
+    answer = struck(sound.replace(table=quiet.assign(supply_voltage_V=pulsed)), rows, deg_h)
+    assert without_gyro_outliers(answer, None) == (answer, ())
+    hot = pulsed + 10.0
+    for fault in (quiet, quiet.assign(supply_voltage_V=pulsed, temperature_block_degC=hot)):  # by itself, or all of a row
+        left, _ = without_gyro_outliers(struck(sound.replace(table=fault), rows, deg_h), None)
+        assert len(left) <= ROWS - 0.9 * len(range(ROWS)[rows])
+
+
+def test_a_row_that_is_wrong_in_gyro_and_monitor_is_left_out() -> None:
+    sound = run()
+    table = sound.table.assign(light_intensity_V=1.0 + 0.001 * np.random.default_rng(1).standard_normal(ROWS))
+    table.loc[1000, "light_intensity_V"] = 0.0
+    left, _ = without_gyro_outliers(struck(sound.replace(table=table), slice(1000, 1001), 50.0), None)
+    assert len(left) == ROWS - 1
+
+
+@pytest.mark.parametrize("shock", [[60.0, 31.0], [60.0, 40.0, 32.0], [-200.0, -100.0, -50.0]])
+def test_a_shock_that_rings_off_is_left_out(shock: list[float]) -> None:
+    table = run().table.copy()
+    table.loc[1000 : 999 + len(shock), "gyro_deg_h"] += 0.02 * np.array(shock)
+    left, _ = without_gyro_outliers(rlg.Recording(table), None)
+    assert np.array_equal(left.time_s, np.delete(np.arange(ROWS), range(1000, 1000 + len(shock))))
+
+
 def test_what_deviates_often_is_no_outlier() -> None:
     recording = struck(run(), slice(0, None, 15), 5.0)
     assert without_gyro_outliers(recording, None) == (recording, ())

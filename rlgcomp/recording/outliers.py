@@ -4,11 +4,22 @@ r"""Outliers: samples of gyros and monitors far beyond their noise, left out or 
 recording          an outlier is                                       it is
 =================  ==================================================  ==========================================
 gyro at rest       a sample far from the median of its neighbours,     left out (a shock, or a fault of the logger)
-                   or a short burst of them
+                   or a short burst of them: an isolated jump there
+                   and back that no monitor makes with it
 gyro on a table    a count error, see below                            replaced by what table and neighbours show
 monitor            one sample far from two neighbours that agree       interpolated between these
 thermometer        up to three samples that leave and return at once   interpolated likewise
 =================  ==================================================  ==========================================
+
+A gyro at rest shows white noise and the course of its drift, which may be fast but which several samples resolve. The step into a
+fault is the whole of its jump J, a rate before and another one after; a course takes its rise in several steps, and one that begins
+to rise at once, as behind a lag, half of it in the first, since the next one is as large. With medians m over three samples on either
+side of an edge, a burst is isolated where
+
+.. math:: \sum_\mathrm{edges} \left( |\Delta g| - \tfrac{3}{4} |m_\mathrm{in} - m_\mathrm{out}| \right) > 0
+
+half-way between the two. Where a monitor jumps there and back in the same samples, the gyro answers to it, unless all columns do:
+then the logger wrote these rows wrongly.
 
 What a turning gyro shows beyond its table, :math:`r_k = g_k - (1 + K) W_k - b`, jumps where the table does: an encoder that is read
 late, lock-in, the table's own jerks. A count error is one sample or two far from the median of their neighbours,
@@ -37,18 +48,20 @@ import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.numerics.robust import SD_OF_MAD, robust_sd, segments
-from rlgcomp.recording import TIME, Recording, is_gyro, motion, time_stamp_convention
+from rlgcomp.recording import TIME, Recording, is_compensation, is_gyro, motion, time_stamp_convention
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 # gyros at rest
 _FAR_SD: Final = 30.0  # at 1 Hz one such sample shifts the mean of 100 s by three of the mean's standard deviations
-_BURST_SD: Final = 4.0  # by which all samples of a burst deviate to the same side,
+_BURST_SD: Final = 4.0  # by which all samples of a burst deviate to the same side, and rise at its edges,
 _BURST_SAMPLES: Final = 3  # so many at least,
-_BURST_EDGE: Final = 0.5  # its first and last step having so much of its mean deviation: noise has no such edges
+_BURST_EDGE: Final = 0.5  # its first and last step and rise having so much of its mean deviation: noise has none such
 _LONGEST_S: Final = 60.0  # of a burst,
 _LONGEST_SHARE: Final = 0.02  # and of the run: what lasts longer may be the gyro's answer to a monitor
+_EDGE_SAMPLES: Final = 3  # on either side of an edge, whose median is the rate before or after it
+_EDGE_SHARE: Final = 0.75  # of the rise there: between a jump, 1, and a course that begins to rise at once, 1/2
 _LEAST_REACH: Final = 5  # samples on either side, where they are far apart
 _GREATEST_SHARE: Final = 0.05  # of the samples: what deviates more often belongs to the gyro
 # gyros on a table
@@ -64,6 +77,8 @@ _MOST_COUNT_ERRORS: Final = 3  # samples of a run: what deviates more often belo
 _MONITOR_QUANTILE: Final = 0.99  # of the deviations from the mean of the two neighbours
 _MONITOR_RATIO: Final = 8.0  # to that quantile,
 _NEIGHBOURS_AGREE: Final = 0.2  # while the neighbours differ by less of the deviation
+_PULSE_SD: Final = 8.0  # of a monitor's usual steps: a pulse that the gyro may answer to
+_PULSE_QUANTILE, _QUANTILE_SD = 0.9, 1.645 * math.sqrt(2.0)  # of its steps, and that of the steps of normal numbers
 _MONITOR_SHARE: Final = 0.005  # of the samples: more belong to the monitor
 # thermometers: no heat capacity allows
 _SPIKE_RATIO: Final = 10.0  # a step of so many times
@@ -185,12 +200,14 @@ def _outliers_at_rest(run: Recording, gyro: str | None) -> Outliers | None:
     median_deg_h = pd.Series(rate_deg_h).rolling(2 * reach + 1, center=True, min_periods=1).median().to_numpy()
     deviation = (rate_deg_h - median_deg_h) / sample_sd_deg_h
     rows, jumps = np.abs(deviation) > _FAR_SD, np.r_[True, steps > _FAR_SD, True]
-    for start, stop in segments(rows):
-        rows[start:stop] = jumps[start] and jumps[stop]  # the tip of a steep course is no outlier
+    for start, stop in segments(rows):  # the tip of a steep course is no outlier
+        rows[start:stop] = jumps[start] and jumps[stop] and _is_fault(run, rate_deg_h, start, stop)
     for start, stop in segments(_bursts(deviation)):
-        edges = np.r_[math.inf, steps, math.inf][[start, stop]]
         height, lasts_s = abs(float(deviation[start:stop].mean())), (stop - start) * run.period_s
-        rows[start:stop] |= edges.min() > _BURST_EDGE * height and height * (stop - start) > _FAR_SD and lasts_s <= longest_s
+        edge, rise = np.abs([(math.inf, math.inf), *_edges(rate_deg_h, start, stop)]).min(axis=0) / sample_sd_deg_h
+        stands_out = min(edge, rise) > _BURST_EDGE * height and rise > _BURST_SD and height * (stop - start) > _FAR_SD
+        if stands_out and lasts_s <= longest_s:
+            rows[start:stop] |= _is_fault(run, rate_deg_h, start, stop)
     if not 0 < rows.sum() <= _GREATEST_SHARE * len(rows):
         return None
     return Outliers(run.gyro_column(gyro), rows, float(run.time_s[rows][0]), float(np.max(np.abs(deviation[rows]))))
@@ -209,6 +226,48 @@ def _bursts(deviation: Array) -> Mask:
         for start, stop in segments(beyond):
             rows[start:stop] = stop - start >= _BURST_SAMPLES
     return rows
+
+
+def _is_fault(run: Recording, rate_deg_h: Array, start: int, stop: int) -> bool:
+    """Whether samples far off are neither a course of the gyro nor its answer to a monitor."""
+    return _isolated(rate_deg_h, start, stop) and not _answers(run, start, stop)
+
+
+def _isolated(values: Array, start: int, stop: int) -> bool:
+    """Whether values jump into a segment and out of it, each within one step, rather than take a course there and back."""
+    return sum(abs(step) - _EDGE_SHARE * abs(rise) for step, rise in _edges(values, start, stop)) > 0.0
+
+
+def _edges(values: Array, start: int, stop: int) -> list[tuple[float, float]]:
+    """The step at each edge of a segment, and how far the values rise from outside to inside; none at the ends of the values."""
+    inside = values[start:stop]
+    edges = []
+    if start > 0:
+        outside = values[max(0, start - _EDGE_SAMPLES) : start]
+        edges.append((inside[0] - outside[-1], np.median(inside[:_EDGE_SAMPLES]) - np.median(outside)))
+    if stop < len(values):
+        outside = values[stop : stop + _EDGE_SAMPLES]
+        edges.append((inside[-1] - outside[0], np.median(inside[-_EDGE_SAMPLES:]) - np.median(outside)))
+    return [(float(step), float(rise)) for step, rise in edges]
+
+
+def _answers(run: Recording, start: int, stop: int) -> bool:
+    """Whether a monitor, but not each of several, makes a pulse of just these samples, which is no fault of the monitor itself."""
+    names = [column for column in run.columns if column != TIME and not is_gyro(column) and not is_compensation(column)]
+    faults = {outliers.column: outliers.rows for outliers in monitor_outliers(run)}
+    pulses = [_pulse(run.column(column), start, stop) for column in names]
+    sound = [
+        pulse and not (column in faults and faults[column][start:stop].any()) for column, pulse in zip(names, pulses, strict=True)
+    ]
+    return any(sound) and not (len(pulses) > 1 and all(pulses))
+
+
+def _pulse(values: Array, start: int, stop: int) -> bool:
+    """Whether a monitor jumps there and back, as far as its usual steps show no rise."""
+    usual_sd = float(np.nanquantile(np.abs(np.diff(values)), _PULSE_QUANTILE)) / _QUANTILE_SD
+    rises = [rise for _, rise in _edges(values, start, stop)]
+    there_and_back = bool(rises) and min(rises) * max(rises) > 0.0
+    return there_and_back and min(map(abs, rises)) > _PULSE_SD * usual_sd and _isolated(values, start, stop)
 
 
 def _counting_sd_deg_h(run: Recording, gyro: str | None) -> float:
