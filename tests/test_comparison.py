@@ -192,6 +192,30 @@ def test_a_last_digit_that_hides_all_noise_tells_no_other_noise(healthy: list[rl
     assert codes([runs[0], coarser, runs[2]])["scaled"]
 
 
+def moving(slow: float, seed: int, *, digit: float = 0.0, noise: float = 0.01) -> rlg.Recording:
+    """A short run whose temperature and gyro move as fast as several samples resolve, the gyro behind lags."""
+    rng, k = np.random.default_rng(seed), np.arange(450)
+    temperature = sum(np.sin(2.0 * np.pi * k / (slow * period) + rng.uniform(0.0, 6.28)) for period in (14.0, 25.0, 60.0))
+    temperature = 20.0 + temperature * 3.0 / slow**0.5 + noise * rng.standard_normal(450)
+    gyro = 2.0 * np.sin(2.0 * np.pi * k / (14.0 * slow)) + rng.standard_normal(450)
+    temperature = np.round(temperature / digit) * digit if digit else temperature
+    table = {"time_s": 7.0 * k, "temperature_block_degC": temperature, "gyro_deg_h": gyro}
+    return rlg.Recording(pd.DataFrame(table), name=f"run{seed}")
+
+
+def test_a_faster_course_is_no_other_noise_or_spectrum() -> None:
+    assert not compare([moving(1.0, 0), *(moving(3.0, seed) for seed in range(1, 5))])
+    assert codes([*(moving(1.0, seed) for seed in range(4)), moving(1.0, 4, noise=0.02)]) == {"run4": {"other_noise"}}
+
+
+def test_the_same_last_digit_in_a_run_that_repeats_more_of_its_values_is_no_coarser_one() -> None:
+    slow = [moving(1.0, seed, digit=0.05) for seed in range(3)]
+    resting = moving(4.0, 3, digit=0.05)
+    distinct = [len(np.unique(run.column("temperature_block_degC"))) / len(run) for run in (*slow, resting)]
+    assert min(distinct[:3]) > 0.5 > distinct[3]
+    assert not compare([*slow, resting])
+
+
 def test_thermometers_that_rest_are_compared(healthy: list[rlg.Recording]) -> None:
     """Also where their only value is next to zero, by which nothing can be divided."""
     for value in (20.0, 0.0, 1e-320):

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.filters import low_pass
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
-from rlgcomp.recording.copies import FEWEST_SAMPLES, copies, noise_steps
+from rlgcomp.recording.copies import FEWEST_SAMPLES, MOST_SAMPLES, copies, noise_steps
 from rlgcomp.recording.relative_delays import delayed_monitors, exchanged_thermometers
 from rlgcomp.report.messages import Message, message
 
@@ -28,9 +28,10 @@ NOISE_RATIO: Final = 1.5  # of the noise of one channel in two runs
 ROUNDED_RATIO: Final = 4.0  # the same of a channel that its last digit hides
 REPEATED: Final = 0.003  # of the samples
 REPEATED_RATIO: Final = 5.0  # to the share in the other runs
-COARSE: Final = 2.0  # last digit of one run over the noise of the others
+COARSE: Final = 2.0  # last digit of one run over the noise of the others, and over their last digits
 LEVEL_RATIO: Final = 5.0  # of the levels of a channel that does not change its sign
 SPECTRUM: Final = 0.25  # difference of the correlation of neighbouring steps
+BEND_SPECTRUM: Final = 0.1  # and of neighbouring bends: in steps alone it is that of a faster course
 PERIOD_RATIO: Final = 3.0
 SMALLEST_CLOCK_ERROR, LARGEST_CLOCK_ERROR = 0.002, 0.15  # of sample periods that loggers of other settings do not have
 _FEWEST_WINDOWS: Final = 20
@@ -41,6 +42,8 @@ OTHER_COURSE_RATIO: Final = 8.0  # of that to what the other runs depart by
 _FOLLOWS: Final = 0.8  # correlation of the gyro with the response of the other runs
 _SMALLEST_SLOPE, _LARGEST_SLOPE = 0.33, 3.0
 _WINDOWS: Final = 400  # of a run in which the response is compared
+_MOST_DIFFERENCES: Final = 6  # that the noise of a channel is sought in
+_STILL_FALLS: Final = 0.98  # from one number of differences to the next: its course is still in them
 _MEAN_OF_LEAST: Final = 0.657  # mean of the least nine tenths of the absolute values of normal numbers
 _ROUNDING: Final = 12.0**-0.5  # of the last digit, the standard deviation of what rounding takes off
 _DIGITS: Final = 30  # steps of a channel's last digit within its noise, below which the digit hides the noise
@@ -73,10 +76,11 @@ def compare(runs: Sequence[Recording], gyro: str | None = None) -> tuple[Message
 
 @dataclasses.dataclass(frozen=True)
 class _Channel:
-    """Noise of a channel from sample to sample, correlation of its neighbouring steps, its level, and its last digit."""
+    """Noise of a channel from sample to sample, correlations of its neighbouring steps and bends, its level, and its last digit."""
 
     noise: float
     correlation: float
+    bend_correlation: float
     level: float
     one_sign: bool
     hidden: bool
@@ -89,7 +93,7 @@ class _Channel:
     def of(cls, values: Array) -> _Channel | None:
         if len(values) < FEWEST_SAMPLES:
             return None
-        noise = _bend_noise(values)
+        noise = _noise(values)
         distinct, counts = np.unique(values, return_counts=True)
         apart = np.diff(distinct)
         apart = apart[apart > 1e-9 * max(1.0, float(np.abs(distinct).max()))]
@@ -100,16 +104,32 @@ class _Channel:
             noise = float(np.sqrt(np.mean(np.diff(values, 2) ** 2) / 6.0))
         repeated = _repeated(values, distinct, counts)
         del distinct, counts
-        steps = noise_steps(values)
-        correlation = float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2)) if steps is not None and np.any(steps) else np.nan
+        correlations = _correlation(noise_steps(values)), _correlation(noise_steps(np.diff(values[:MOST_SAMPLES])))
         low, high = np.quantile(values, [0.01, 0.99])
-        return cls(noise, correlation, float(np.median(values)), bool(low * high > 0.0), hidden, digit, **repeated)
+        return cls(noise, *correlations, float(np.median(values)), bool(low * high > 0.0), hidden, digit, **repeated)
 
 
-def _bend_noise(values: Array) -> float:
-    """Standard deviation of the noise of a channel by the least nine tenths of its bends."""
-    size = np.abs(np.diff(values, 2))
-    return float(np.mean(size[size <= np.quantile(size, 0.9)])) / float(_MEAN_OF_LEAST * np.sqrt(6.0))
+def _noise(values: Array) -> float:
+    """Standard deviation of the noise of a channel by the least nine tenths of its repeated differences.
+
+    White noise is equally large in all of them. A course that several samples resolve falls from one to the next, so that they are
+    taken until they fall no further.
+    """
+    differences, least = np.diff(values), math.inf
+    for order in range(2, _MOST_DIFFERENCES + 1):
+        differences = np.diff(differences)
+        size = np.abs(differences)
+        norm = _MEAN_OF_LEAST * math.sqrt(math.comb(2 * order, order))
+        noise = float(np.mean(size[size <= np.quantile(size, 0.9)])) / norm
+        if not noise < _STILL_FALLS * least:
+            break
+        least = noise
+    return min(least, noise)
+
+
+def _correlation(steps: Array | None) -> float:
+    """Of neighbouring steps of zero mean."""
+    return float(np.mean(steps[1:] * steps[:-1]) / np.mean(steps**2)) if steps is not None and np.any(steps) else math.nan
 
 
 def _repeated(values: Array, distinct: Array, counts: npt.NDArray[np.int64]) -> dict[str, Any]:
@@ -206,7 +226,9 @@ def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel
         lags = {k: equal[k].correlation for k in noises if np.isfinite(equal[k].correlation)}
         if len(lags) > 1 and not hidden and is_gyro(column):  # a thermometer's steps are those of its programme
             odd = max(lags, key=lambda k: abs(lags[k] - _typical(lags, k)))
-            if abs(lags[odd] - _typical(lags, odd)) > SPECTRUM:
+            bends = {k: equal[k].bend_correlation for k in lags}
+            other_bends = not abs(bends[odd] - _typical(bends, odd)) < BEND_SPECTRUM
+            if abs(lags[odd] - _typical(lags, odd)) > SPECTRUM and other_bends:
                 messages.append(message("recording.other_spectrum", run=runs[odd].name, column=column))
                 return messages
         if not hidden and is_gyro(column) and (changed := _changing(runs, column, list(noises))) is not None:
@@ -220,7 +242,8 @@ def _differing(runs: Sequence[Recording], column: str, known: dict[int, _Channel
             )
             return messages
     coarse = [k for k, digit in digits.items() if k in noises and digit > COARSE * min(noises[other] for other in noises)]
-    if len(coarse) == 1 and len(digits) == 1 and len(noises) > 1:
+    finer = len(coarse) == 1 and all(one.digit < digits[coarse[0]] / COARSE for k, one in known.items() if k != coarse[0])
+    if finer and len(digits) == 1 and len(noises) > 1:
         (odd,) = coarse
         messages.append(
             message("recording.coarse_digit", run=runs[odd].name, column=column, digit=digits[odd], noise=_typical(noises, odd))
