@@ -12,9 +12,9 @@ thermometer        up to three samples that leave and return at once   interpola
 =================  ==================================================  ==========================================
 
 A gyro at rest shows white noise and the course of its drift, which may be fast but which several samples resolve. The step into a
-fault is the whole of its jump J, a rate before and another one after; a course takes its rise in several steps, and one that begins
-to rise at once, as behind a lag, half of it in the first, since the next one is as large. With medians m over three samples on either
-side of an edge, a burst is isolated where
+fault is the whole of its rise, a level before and another one after. A course takes its rise in several steps, and one that begins
+to rise at once, as behind a lag, half of it in the first, since the next one is as large. With medians m over three samples on
+either side of an edge, a burst is isolated where
 
 .. math:: \sum_\mathrm{edges} \left( |\Delta g| - \tfrac{3}{4} |m_\mathrm{in} - m_\mathrm{out}| \right) > 0
 
@@ -254,12 +254,9 @@ def _edges(values: Array, start: int, stop: int) -> list[tuple[float, float]]:
 def _answers(run: Recording, start: int, stop: int) -> bool:
     """Whether a monitor, but not each of several, makes a pulse of just these samples, which is no fault of the monitor itself."""
     names = [column for column in run.columns if column != TIME and not is_gyro(column) and not is_compensation(column)]
-    faults = {outliers.column: outliers.rows for outliers in monitor_outliers(run)}
-    pulses = [_pulse(run.column(column), start, stop) for column in names]
-    sound = [
-        pulse and not (column in faults and faults[column][start:stop].any()) for column, pulse in zip(names, pulses, strict=True)
-    ]
-    return any(sound) and not (len(pulses) > 1 and all(pulses))
+    pulses = [column for column in names if _pulse(run.column(column), start, stop)]
+    faulty = [outliers.column for outliers in monitor_outliers(run) if outliers.rows[start:stop].any()]
+    return bool(set(pulses) - set(faulty)) and not len(pulses) == len(names) > 1
 
 
 def _pulse(values: Array, start: int, stop: int) -> bool:
