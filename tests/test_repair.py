@@ -197,6 +197,14 @@ def test_a_gyro_in_another_unit_is_refused(factor: float, unit: str) -> None:
     assert f"--map gyro_deg_h='gyro_deg_h [{unit}]'" in found.text
 
 
+def test_a_gyro_as_quiet_as_large_ring_lasers_is_noted_and_read() -> None:
+    result, found = repaired(table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] / 200.0))
+    about = found["noise_of_a_large_ring"]
+    assert (len(result), place(about)) == (2000, ("noted", "gyro_deg_h", None))
+    assert about.message.data["noise_deg_sqrt_h"] == pytest.approx(1.5e-6, rel=0.05)
+    assert "--map gyro_deg_h='gyro_deg_h [deg/s]'" in about.message.text
+
+
 def test_a_stated_unit_is_not_checked() -> None:
     quiet = table().assign(gyro_deg_h=lambda frame: frame["gyro_deg_h"] / 3600.0)
     _, findings = repair(quiet, rlg.Metadata(), name="file", stated_units=frozenset({"gyro_deg_h"}))

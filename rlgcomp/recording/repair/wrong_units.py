@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,8 @@ from rlgcomp.recording import TIME, is_gyro
 from rlgcomp.recording.repair.context import Array, Context
 from rlgcomp.report.messages import message
 
-QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros
+QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros,
+LEAST_DEG_SQRT_H: Final = 1e-7  # near that of a ring of 16 m² (12 prad/s/√Hz; Schreiber and Wells, Rev. Sci. Instrum. 84, 041101)
 LARGEST_STATIC_RATE_DEG_H: Final = 100.0
 _SOME: Final = 1 << 16  # samples whose noise stands for that of the whole recording
 
@@ -61,17 +62,12 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     period_s = float(np.median(np.diff(table[TIME].to_numpy())))
     noise = None if context.simulated else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
-        likely = _quiet_enough(noise, unit)
-        finding = message(
-            "recording.noise_below_any_gyro",
-            column=column,
-            noise_deg_sqrt_h=noise,
-            unit=unit,
-            likely_units=likely,
-            source=context.source(column),
-        )
-        context.add("refused", finding, column)
-        return
+        about: dict[str, Any] = {"column": column, "noise_deg_sqrt_h": noise, "unit": unit, "likely_units": _quiet_enough(noise, unit)}
+        about["source"] = context.source(column)
+        if noise < LEAST_DEG_SQRT_H:
+            context.add("refused", message("recording.noise_below_any_gyro", **about), column)
+            return
+        context.add("noted", message("recording.noise_of_a_large_ring", **about), column)
     if "table_rate_deg_s" in table and (table["table_rate_deg_s"].std() or 0.0) > 0.0:
         table_rate_deg_h = table["table_rate_deg_s"].to_numpy() * units.SECONDS_PER_HOUR
         slope = float(np.nanmean((rate_deg_h - np.nanmean(rate_deg_h)) * table_rate_deg_h) / np.nanvar(table_rate_deg_h))

@@ -102,6 +102,14 @@ def noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, lik
     )
 
 
+def noise_of_a_large_ring(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str], source: str) -> str:
+    maps = " or ".join(_map(column, source, other) for other in likely_units)
+    return (
+        f"its white noise is {noise_deg_sqrt_h:.1e} deg/√h, as of a ring laser with sides of metres; for any other gyro the unit is "
+        f"hardly {unit}: then state it, {maps}"
+    )
+
+
 def unit_contradicts_table(*, column: str, slope: float, unit: str, likely_unit: str, source: str) -> str:
     return (
         f"its slope against the table's rate is {slope:.4g}, as if the gyro were in {likely_unit}: then state "
