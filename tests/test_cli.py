@@ -49,6 +49,16 @@ def run(*arguments: object) -> object:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+def test_what_doubts_the_unit_of_a_gyro_is_said_once_for_all_runs(tmp_path: Path) -> None:
+    for k in range(3):
+        gyro = (300.0 if k else 9.0) + np.random.default_rng(k).standard_normal(300)
+        pd.DataFrame({"time_s": np.arange(300.0), "gyro_deg_h": gyro}).to_csv(tmp_path / f"run{k}.csv", index=False)
+    result = run("inspect", *sorted(tmp_path.glob("*.csv")))
+    (line,) = [line for line in result.output.splitlines() if "more than Earth rate" in line]
+    assert line.startswith("run1: noted: gyro_deg_h: the mean is ")
+    assert line.endswith("; likewise in 1 of 2 other runs")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulator file, three recordings and a model, made by the commands themselves."""

@@ -21,6 +21,8 @@ from rlgcomp.cli.help import DocumentedCommand, DocumentedGroup
 from rlgcomp.errors import InputError
 
 _arguments: contextvars.ContextVar[str] = contextvars.ContextVar("arguments", default="")  # of the command
+# findings said once for all runs: they doubt the unit, which is that of the gyro
+_ONCE = {"recording.mean_above_earth_rate", "recording.noise_of_a_large_ring"}
 app = typer.Typer(
     name="rlgcomp",
     cls=DocumentedGroup,
@@ -200,6 +202,7 @@ def read_runs(
 
         calibrated = Calibration.read(calibration)
     recordings: list[Any] = []
+    once: dict[tuple[str, str | None], list[str]] = {}
     with progress("reading", len(specs)) as advance:
         for done, spec in enumerate(specs, start=1):
             path, interval = interval_of(spec)
@@ -212,7 +215,10 @@ def read_runs(
                 simulated=simulated,
             )
             for finding in recording.findings:
-                notify(f"{recording.name}: {finding}")
+                if finding.message.code in _ONCE:
+                    once.setdefault((finding.message.code, finding.column), []).append(f"{recording.name}: {finding}")
+                else:
+                    notify(f"{recording.name}: {finding}")
             if interval is not None:
                 _require_rows(recording, interval, spec)
                 recording = recording.between(*interval, keep_history=history, name=f"{recording.name}{_interval_text(*interval)}")
@@ -220,6 +226,8 @@ def read_runs(
                 recording = calibrated.apply(recording, gyro if len(recording.gyro_columns) > 1 else None)
             recordings.append(recording)
             advance(done, len(specs))
+    for first, *others in once.values():
+        notify(f"{first}; likewise in {len(others)} of {len(specs) - 1} other runs" if others else first)
     return recordings
 
 
