@@ -62,8 +62,8 @@ def _gyro_unit(table: pd.DataFrame, column: str, context: Context) -> None:
     period_s = float(np.median(np.diff(table[TIME].to_numpy())))
     noise = None if context.simulated else _white_noise_deg_sqrt_h(rate_deg_h, period_s)
     if noise is not None and noise < QUIETEST_DEG_SQRT_H:
-        about: dict[str, Any] = {"column": column, "noise_deg_sqrt_h": noise, "unit": unit, "likely_units": _quiet_enough(noise, unit)}
-        about["source"] = context.source(column)
+        about: dict[str, Any] = {"column": column, "noise_deg_sqrt_h": noise, "unit": unit, "source": context.source(column)}
+        about["likely_units"] = _quiet_enough(noise, unit)
         if noise < LEAST_DEG_SQRT_H:
             context.add("refused", message("recording.noise_below_any_gyro", **about), column)
             return

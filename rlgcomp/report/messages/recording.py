@@ -105,8 +105,8 @@ def noise_below_any_gyro(*, column: str, noise_deg_sqrt_h: float, unit: str, lik
 def noise_of_a_large_ring(*, column: str, noise_deg_sqrt_h: float, unit: str, likely_units: Sequence[str], source: str) -> str:
     maps = " or ".join(_map(column, source, other) for other in likely_units)
     return (
-        f"its white noise is {noise_deg_sqrt_h:.1e} deg/√h, as of a ring laser with sides of metres; for any other gyro the unit is "
-        f"hardly {unit}: then state it, {maps}"
+        f"its white noise is {noise_deg_sqrt_h:.1e} deg/√h, as of a ring laser with sides of metres; for any other gyro the unit "
+        f"is hardly {unit}: then state it, {maps}"
     )
 
 
