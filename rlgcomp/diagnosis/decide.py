@@ -23,7 +23,7 @@ EXCHANGED: Final = 0.1
 """Probability, over that of the likeliest set, of a set with one member exchanged or left out, from which on the two cannot be
 told apart."""
 SURE: Final = 0.9
-"""Probability from which on a member is named without its exchanges: one in ten of those below is another of them."""
+"""Probability from which on a member is named without its exchanges: of those below one in ten or more is another."""
 LOUDER: Final = 1e-3
 """Probability of noise as large as it is under what is stated, below which that does not explain the runs."""
 TELEGRAPH: Final = "random_telegraph"

@@ -69,7 +69,7 @@ class Posterior:
         jumping = search.with_processes([*states[:_PROVED], *(state for state in states if not state.members)])
         paths = _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
         for _ in range(_PATHS):
-            best = max(search.visited.values(), key=lambda state: state.log_posterior)
+            best = search.likeliest_state
             if best.process is None or _is_one_of(best.process.path, paths):
                 break
             paths.append(best.process.path)

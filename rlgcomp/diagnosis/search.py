@@ -166,7 +166,7 @@ class Search(Sharpening):
     def _exchange(self) -> None:
         """From the likeliest set: each member dropped, and exchanged for another region."""
         for _ in range(3):
-            best = max(self.visited.values(), key=lambda state: state.log_posterior)
+            best = self.likeliest_state
             for k in range(len(best.members)):
                 fewer = self._fewer(best, (best.members[k],))
                 self._absorbed(fewer, best.members[k])
@@ -177,7 +177,7 @@ class Search(Sharpening):
                     if self._ahead(child) and child.log_posterior > best.log_posterior - _WITHIN:
                         self.refined(child)
                 self._parted(self.regions[best.members[k].form.region], fewer, others)
-            if max(self.visited.values(), key=lambda state: state.log_posterior) is best:
+            if self.likeliest_state is best:
                 return
 
     def _ahead(self, state: State, known: State | None = None) -> bool:
@@ -198,11 +198,11 @@ class Search(Sharpening):
 
     def _exchange_pairs(self) -> None:
         """From the likeliest set of three: each two members exchanged for two other regions; those of two are beside the null."""
-        best = max(self.visited.values(), key=lambda state: state.log_posterior)
+        best = self.likeliest_state
         if len(best.members) == _EXCHANGED:
             for two in itertools.combinations(best.members, 2):
                 self._pairs(self._fewer(best, two))
-            if max(self.visited.values(), key=lambda state: state.log_posterior) is not best:
+            if self.likeliest_state is not best:
                 self._exchange()
 
     def _parted(self, law: Region, fewer: State, others: Sequence[State]) -> None:

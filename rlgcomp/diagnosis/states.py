@@ -99,6 +99,11 @@ class States(Members):
         """Log posterior of the likeliest set that was visited; what is far behind is not refined."""
         return max((state.log_posterior for state in self.visited.values()), default=-math.inf)
 
+    @property
+    def likeliest_state(self) -> State:
+        """Of all sets that were visited."""
+        return max(self.visited.values(), key=lambda state: state.log_posterior)
+
     def converged(self, members: Set, noise: Noise | None = None) -> State:
         """A set at its likeliest noise, climbing over the grid of hypotheses from one; and the volume of the noises passed."""
         log_prior = self.log_prior(members)
@@ -352,9 +357,9 @@ class States(Members):
 
     def _may_be_of(self, region: Region) -> bool:
         """Whether the likeliest set is a sum of relays that may be this region's; alone, it grows however far it is behind."""
-        likeliest = max(self.visited.values(), key=lambda state: state.log_posterior)
         return region.adopt is not None and any(
-            self.regions[member.form.region].adopt is not None and self.of_thresholds(member.form) for member in likeliest.members
+            self.regions[member.form.region].adopt is not None and self.of_thresholds(member.form)
+            for member in self.likeliest_state.members
         )
 
     def _near_the_top(self, members: Set, noise: Noise) -> bool:
