@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from rlgcomp.compensation.models.lssvm import LSSVMRegressor as LSSVMRegressor
     from rlgcomp.compensation.models.sequence import SequenceRegressor as SequenceRegressor
     from rlgcomp.diagnosis.diagnose import diagnose as diagnose
-    from rlgcomp.diagnosis.result import Diagnosis as Diagnosis
+    from rlgcomp.diagnosis.report.result import Diagnosis as Diagnosis
     from rlgcomp.errors import InputError as InputError
     from rlgcomp.evaluation.evaluation import Evaluation as Evaluation
     from rlgcomp.evaluation.evaluation import evaluate as evaluate
@@ -118,7 +118,7 @@ _HOMES = {
     "angle_random_walk": "noise.angle_random_walk",
     "calibrate_scale_factor": "calibration.scale_factor_calibration",
     "calibrate_turntable": "calibration.triad.calibrate",
-    "Diagnosis": "diagnosis.result",
+    "Diagnosis": "diagnosis.report.result",
     "diagnose": "diagnosis.diagnose",
     "evaluate": "evaluation.evaluation",
     "fit_coefficients": "noise.allan_deviation",

@@ -53,6 +53,9 @@ PUBLIC_NAMES = (  # what scripts of users rely on
     "calibrate_turntable", "diagnose", "evaluate", "fit_coefficients", "load", "overlapping_deviation", "read", "recording",
     "simulated_unit", "write",
 )  # fmt: skip
+ROOMS_OF_DIAGNOSIS = sorted(
+    module.name for module in pkgutil.iter_modules([str(PACKAGE / "diagnosis")]) if module.ispkg and module.name != "simulators"
+)
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
 
 
@@ -115,13 +118,15 @@ def test_files_import_each_other_in_no_circle() -> None:
     assert not circles
 
 
-def test_the_list_of_diagnosis_has_every_module_once_and_in_the_order_of_imports() -> None:
-    listed = re.findall(r"^    (\w+)  ", rlgcomp.diagnosis.__doc__, re.MULTILINE)
-    assert sorted(listed) == sorted(_names_in("diagnosis"))
+@pytest.mark.parametrize("package", ["rlgcomp.diagnosis", *(f"rlgcomp.diagnosis.{room}" for room in ROOMS_OF_DIAGNOSIS)])
+def test_the_list_of_a_room_of_diagnosis_has_every_module_once_and_in_the_order_of_imports(package: str) -> None:
+    listed = re.findall(r"^    (\w+)  ", importlib.import_module(package).__doc__, re.MULTILINE)
+    depth = package.count(".") + 1
+    assert sorted(listed) == sorted(_names_in(package.removeprefix("rlgcomp.").replace(".", "/")))
     later = {}
-    for module in (name for name in MODULES if name.startswith("rlgcomp.diagnosis.")):
-        of = module.split(".")[2]
-        imported = {name.split(".")[2] for name in _imported_files(module) if name.startswith("rlgcomp.diagnosis.")}
+    for module in (name for name in MODULES if name.startswith(f"{package}.")):
+        of = module.split(".")[depth]
+        imported = {name.split(".")[depth] for name in _imported_files(module) if name.startswith(f"{package}.")}
         later |= {module: {name for name in imported if listed.index(name) > listed.index(of)}}
     assert not {module: names for module, names in later.items() if names}
 

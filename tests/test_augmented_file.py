@@ -10,24 +10,24 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Glitch, Magnitude, Power, Product, Shift, Smooth, SmoothBetween
+from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Member
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.histories import after_rest
-from rlgcomp.diagnosis.memories import Curves, Followed, Plays, Preisach, Relays
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
-from rlgcomp.diagnosis.relaxations import Conduction, Distributed, Lag, Spectrum
-from rlgcomp.diagnosis.simulator_file import simulator_of
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.symmetries import Sign, about_zero
-from rlgcomp.diagnosis.terms import Form
-from rlgcomp.diagnosis.times import Since, SmoothSince, Wave
+from rlgcomp.diagnosis.equations.simulator_file import simulator_of
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.closed_form import Member
+from rlgcomp.diagnosis.forms.bases import Glitch, Magnitude, Power, Product, Shift, Smooth, SmoothBetween
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.histories import after_rest
+from rlgcomp.diagnosis.forms.memories import Curves, Followed, Plays, Preisach, Relays
+from rlgcomp.diagnosis.forms.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.forms.relaxations import Conduction, Distributed, Lag, Spectrum
+from rlgcomp.diagnosis.forms.symmetries import Sign, about_zero
+from rlgcomp.diagnosis.forms.terms import Form
+from rlgcomp.diagnosis.forms.times import Since, SmoothSince, Wave
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.errors import InputError
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.tabulated_law import TabulatedLaw

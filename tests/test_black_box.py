@@ -12,7 +12,7 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis.decide import Decision
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.recording import Recording
 from tests.two_hour_runs import BASELINE, REAL, runs_of
 

@@ -17,7 +17,7 @@ import rlgcomp as rlg
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app, repeated_options
 from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.diagnosis.simulators.user_simulator import SimulatedRuns
 
 register_commands()
@@ -81,7 +81,7 @@ def engine(monkeypatch: pytest.MonkeyPatch, found: rlg.Diagnosis, page: Path) ->
         if figures is not None:
             shutil.copytree(page / "figures", figures)
 
-    monkeypatch.setattr("rlgcomp.diagnosis.result.write_page", write_page)
+    monkeypatch.setattr("rlgcomp.diagnosis.report.result.write_page", write_page)
 
     def diagnose(simulator: Any, train: Any, test: Any, **options: Any) -> rlg.Diagnosis:
         seen.update(options, simulator=simulator, train=train, test=test)

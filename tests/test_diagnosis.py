@@ -14,23 +14,23 @@ import pytest
 from scipy.stats import norm
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, Power, Product, Smooth
+from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.drivers import Driver, Path, lagged
-from rlgcomp.diagnosis.evidence import Evidence, Member
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Plays, Preisach, Relays, relays
-from rlgcomp.diagnosis.noise import Noise, Whitened, relaxation
-from rlgcomp.diagnosis.process import Process, slow_columns
-from rlgcomp.diagnosis.screen import Layout, Screen
-from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.telegraph import telegraph, two_state
-from rlgcomp.diagnosis.terms import Form
-from rlgcomp.diagnosis.variants import gains
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.closed_form import Evidence, Member
+from rlgcomp.diagnosis.evidence.screen import Layout, Screen
+from rlgcomp.diagnosis.evidence.variants import gains
+from rlgcomp.diagnosis.forms.bases import Basis, Power, Product, Smooth
+from rlgcomp.diagnosis.forms.drivers import Driver, Path, lagged
+from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays, relays
+from rlgcomp.diagnosis.forms.terms import Form
+from rlgcomp.diagnosis.noise.model import Noise, Whitened, relaxation
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.search.process import Process, slow_columns
+from rlgcomp.diagnosis.search.states import State
+from rlgcomp.diagnosis.search.telegraph import telegraph, two_state
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 from tests.few_monitors import few_monitors

@@ -12,12 +12,12 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.memories import Plays, Preisach, Relays
-from rlgcomp.diagnosis.regions import named
-from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.telegraph import two_state
-from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays
+from rlgcomp.diagnosis.forms.terms import Form, Region
+from rlgcomp.diagnosis.regions.chamber import named
+from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.search.telegraph import two_state
 from rlgcomp.simulation.simulator import Simulator
 
 

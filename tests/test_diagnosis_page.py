@@ -12,7 +12,7 @@ import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.decide import Decision
-from rlgcomp.diagnosis.page import render
+from rlgcomp.diagnosis.report.page import render
 from rlgcomp.report.messages import message
 from tests.few_monitors import few_monitors
 

@@ -18,12 +18,12 @@ import rlgcomp as rlg
 from rlgcomp.challenge.score import Hidden, Score
 from rlgcomp.cli import register_commands
 from rlgcomp.cli.base import app
-from rlgcomp.diagnosis import text
+from rlgcomp.diagnosis.answer.fit import Estimate
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.fit import Estimate
-from rlgcomp.diagnosis.process import Process
-from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.text import VERDICTS, place_text
+from rlgcomp.diagnosis.report import text
+from rlgcomp.diagnosis.report.result import Diagnosis
+from rlgcomp.diagnosis.report.text import VERDICTS, place_text
+from rlgcomp.diagnosis.search.process import Process
 from rlgcomp.errors import InputError
 from rlgcomp.physics.user import user_catalogue
 from rlgcomp.recording import Recording

@@ -9,18 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlgcomp.diagnosis.bases import Smooth
+from rlgcomp.diagnosis.answer.posterior import Posterior
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import decided
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.errors import Errors, errors_of
-from rlgcomp.diagnosis.evidence import Member
-from rlgcomp.diagnosis.memories import Relays
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.evidence.closed_form import Member
+from rlgcomp.diagnosis.forms.bases import Smooth
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.memories import Relays
+from rlgcomp.diagnosis.forms.terms import Form, Region
+from rlgcomp.diagnosis.noise.errors import Errors, errors_of
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.numerics.readings import Readings, bin_of_each, noise_variance, readings_of, rounding_step, smoothed
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator

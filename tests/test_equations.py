@@ -10,9 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.equations import latex, sympy
-from rlgcomp.diagnosis.findings import Cause
-from rlgcomp.diagnosis.fit import Estimate
+from rlgcomp.diagnosis.answer.fit import Estimate
+from rlgcomp.diagnosis.equations.equations import latex, sympy
+from rlgcomp.diagnosis.equations.findings import Cause
 
 IN_WORDS = {"thermal_polynomial", "thermal_hysteresis", "mode_hop", "random_telegraph", "tabulated_law"}
 

@@ -10,7 +10,7 @@ import pytest
 
 from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 from tests.few_monitors import few_monitors

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.baseline import Baseline, Less
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
+from rlgcomp.diagnosis.regions.baseline import Baseline, Less
 from tests.few_monitors import few_monitors
 
 LAG_S = 900.0

@@ -11,13 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bases import EachRun
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.histories import after_rest, one_after_the_other, sides
-from rlgcomp.diagnosis.loops import one_history, rougher
-from rlgcomp.diagnosis.memories import (
+from rlgcomp.diagnosis.forms.bases import EachRun
+from rlgcomp.diagnosis.forms.drivers import Driver
+from rlgcomp.diagnosis.forms.histories import after_rest, one_after_the_other, sides
+from rlgcomp.diagnosis.forms.memories import (
     Plays,
     Preisach,
     Relays,
@@ -27,8 +26,9 @@ from rlgcomp.diagnosis.memories import (
     relays,
     rest_of,
 )
-from rlgcomp.diagnosis.selections import OnlyIn
-from rlgcomp.diagnosis.terms import Form
+from rlgcomp.diagnosis.forms.terms import Form
+from rlgcomp.diagnosis.regions.loops import one_history, rougher
+from rlgcomp.diagnosis.regions.selections import OnlyIn
 from rlgcomp.numerics.hysteresis import play_paths
 from rlgcomp.numerics.relays import Switches, relay_states, states_after, states_before, turning_points
 from rlgcomp.recording import Recording

@@ -11,11 +11,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.jumps import Divided, Parts, division, jumps
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.process import Process
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.telegraph import telegraph
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.search.jumps import Divided, Parts, division, jumps
+from rlgcomp.diagnosis.search.process import Process
+from rlgcomp.diagnosis.search.states import State
+from rlgcomp.diagnosis.search.telegraph import telegraph
 from rlgcomp.simulation.simulator import Simulator
 
 

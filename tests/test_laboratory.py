@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.laboratory import Laboratory
+from rlgcomp.diagnosis.next_experiment.laboratory import Laboratory
 from rlgcomp.numerics.filters import lag, rate_per_min
 from rlgcomp.simulation.plant import ThermalPlant
 from rlgcomp.simulation.programme import Programme

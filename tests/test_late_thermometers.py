@@ -12,16 +12,16 @@ import pytest
 from scipy.signal import lfilter
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Power
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.drivers import Driver, Path, lagged
-from rlgcomp.diagnosis.errors import errors_of
-from rlgcomp.diagnosis.evidence import Evidence, Member
-from rlgcomp.diagnosis.lateness import Late, Prediction, late_bases, late_form, late_regions, white_noise
-from rlgcomp.diagnosis.noise import Noise
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.closed_form import Evidence, Member
+from rlgcomp.diagnosis.forms.bases import Power
+from rlgcomp.diagnosis.forms.drivers import Driver, Path, lagged
+from rlgcomp.diagnosis.noise.errors import errors_of
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.regions.lateness import Late, Prediction, late_bases, late_form, late_regions, white_noise
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -76,7 +76,7 @@ def test_a_late_thermometer_is_no_physics() -> None:
 
 
 def test_without_the_term_it_would_be_physics(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rlgcomp.diagnosis.nuisances.late_regions", lambda data: iter(()))
+    monkeypatch.setattr("rlgcomp.diagnosis.regions.nuisances.late_regions", lambda data: iter(()))
     assert asked(made(35.0), "thermal_lag", "temperature_rate").verdict != "none"
 
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Moment, Power, Smooth
+from rlgcomp.diagnosis.answer.fit import Fit
+from rlgcomp.diagnosis.answer.mismatch import parts, screened, statistics, tail_probability
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.evidence import Evidence, Member
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Plays
-from rlgcomp.diagnosis.mismatch import parts, screened, statistics, tail_probability
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.screen import Layout, Screen
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import Form, Region
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.closed_form import Evidence, Member
+from rlgcomp.diagnosis.evidence.screen import Layout, Screen
+from rlgcomp.diagnosis.forms.bases import Moment, Power, Smooth
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.memories import Plays
+from rlgcomp.diagnosis.forms.terms import Form, Region
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.simulation.simulator import Simulator
 
 SIMULATOR = Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis import design
+from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Grid
-from rlgcomp.diagnosis.design import distances, expected, next_experiment
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.laboratory import RateTable
-from rlgcomp.diagnosis.programmes import table_programmes
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.next_experiment import design
+from rlgcomp.diagnosis.next_experiment.design import distances, expected, next_experiment
+from rlgcomp.diagnosis.next_experiment.laboratory import RateTable
+from rlgcomp.diagnosis.next_experiment.programmes import table_programmes
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator

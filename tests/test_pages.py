@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
 
-from rlgcomp.diagnosis.pictures import draw_scores, scores
-from rlgcomp.diagnosis.scores import RunScore, Score
+from rlgcomp.diagnosis.answer.scores import RunScore, Score
+from rlgcomp.diagnosis.report.pictures import draw_scores, scores
 from rlgcomp.report import page as pages
 from rlgcomp.report.drawing import STYLE, WIDTH_IN, draw_bars, legend, wrapped
 from rlgcomp.report.messages import CATALOGUE, message

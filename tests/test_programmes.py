@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.programmes import LONGEST_S, ChamberRange, chamber_programmes
+from rlgcomp.diagnosis.next_experiment.programmes import LONGEST_S, ChamberRange, chamber_programmes
 from rlgcomp.simulation.programme import PRESETS, Hold, Programme, Ramp
 
 BASE = rlg.Simulator((rlg.CATALOGUE["thermal_polynomial"](),))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rlgcomp.diagnosis.recent import Recent
+from rlgcomp.diagnosis.evidence.recent import Recent
 
 
 def test_what_was_asked_for_last_stays() -> None:

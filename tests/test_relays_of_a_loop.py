@@ -17,10 +17,10 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.loops import as_hops, as_relays
-from rlgcomp.diagnosis.memories import Relays
-from rlgcomp.diagnosis.terms import Form, log_odds_of_more
+from rlgcomp.diagnosis.forms.drivers import Driver
+from rlgcomp.diagnosis.forms.memories import Relays
+from rlgcomp.diagnosis.forms.terms import Form, log_odds_of_more
+from rlgcomp.diagnosis.regions.loops import as_hops, as_relays
 from rlgcomp.numerics.relays import Start
 from tests.few_monitors import few_monitors
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.bases import Power
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.selections import EachRun, OnlyIn, selections
-from rlgcomp.diagnosis.terms import Form
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.forms.bases import Power
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.terms import Form
+from rlgcomp.diagnosis.regions.selections import EachRun, OnlyIn, selections
 from tests.few_monitors import few_monitors
 
 PROGRAMMES = (

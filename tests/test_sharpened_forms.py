@@ -9,21 +9,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, Power, Smooth
+from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.memories import Relays
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
-from rlgcomp.diagnosis.process import Process
-from rlgcomp.diagnosis.regions import named
-from rlgcomp.diagnosis.relaxations import Distributed, Lag
-from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.sharpening import Sharpening
-from rlgcomp.diagnosis.states import State
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.forms.bases import Basis, Power, Smooth
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.memories import Relays
+from rlgcomp.diagnosis.forms.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.forms.relaxations import Distributed, Lag
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.regions.chamber import named
+from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.search.process import Process
+from rlgcomp.diagnosis.search.sharpening import Sharpening
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator

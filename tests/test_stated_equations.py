@@ -9,26 +9,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis, Own, Power, Smooth
+from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.decide import Named
-from rlgcomp.diagnosis.drivers import Driver, Path
-from rlgcomp.diagnosis.equations import symbols
-from rlgcomp.diagnosis.evidence import Member
-from rlgcomp.diagnosis.findings import Cause, cause_of
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.nonlinearities import Hinge, Saturation, SignedPower
-from rlgcomp.diagnosis.regions import named
-from rlgcomp.diagnosis.relaxations import Lag
-from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.simulator_file import simulator_of
-from rlgcomp.diagnosis.stated import equation_of
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import Form
-from rlgcomp.diagnosis.times import Since
+from rlgcomp.diagnosis.equations.equations import symbols
+from rlgcomp.diagnosis.equations.findings import Cause, cause_of
+from rlgcomp.diagnosis.equations.simulator_file import simulator_of
+from rlgcomp.diagnosis.equations.stated import equation_of
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.closed_form import Member
+from rlgcomp.diagnosis.forms.bases import Basis, Own, Power, Smooth
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.nonlinearities import Hinge, Saturation, SignedPower
+from rlgcomp.diagnosis.forms.relaxations import Lag
+from rlgcomp.diagnosis.forms.terms import Form
+from rlgcomp.diagnosis.forms.times import Since
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.regions.chamber import named
+from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
 from rlgcomp.simulation.simulator import Simulator

@@ -12,8 +12,8 @@ import pytest
 from rlgcomp.cli.diagnosis import measured_noise
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.hypotheses import Hypotheses
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rlgcomp.diagnosis.equations import symbols
+from rlgcomp.diagnosis.equations.equations import symbols
 from rlgcomp.physics import CATALOGUE
 
 COLUMN = "temperature_block_degC"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.times import Since
+from rlgcomp.diagnosis.forms.times import Since
 from rlgcomp.simulation.simulator import Simulator
 from tests.two_hour_runs import BASELINE, runs_of
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rlgcomp.diagnosis.bases import Own
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.drivers import Path
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.turning import RatePower, TableRate, with_angle_rows
+from rlgcomp.diagnosis.forms.bases import Own
+from rlgcomp.diagnosis.forms.drivers import Path
+from rlgcomp.diagnosis.noise.model import Noise
+from rlgcomp.diagnosis.regions.turntable import RatePower, TableRate, with_angle_rows
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.misalignment import Misalignment
 from rlgcomp.recording import Recording

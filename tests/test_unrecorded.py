@@ -12,8 +12,8 @@ from scipy.stats import multivariate_normal
 
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.telegraph import telegraph
-from rlgcomp.diagnosis.unrecorded import PLACES, USUAL, moves_in_a_window, over_paths, unrecorded
+from rlgcomp.diagnosis.search.telegraph import telegraph
+from rlgcomp.diagnosis.search.unrecorded import PLACES, USUAL, moves_in_a_window, over_paths, unrecorded
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.recording import Recording
 from tests.two_hour_runs import BASELINE, runs_of

@@ -7,7 +7,7 @@ from typing import Any, Final
 from unittest import mock
 
 from rlgcomp.diagnosis import decide
-from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.answer.posterior import Posterior
 
 Row = Mapping[str, Any]
 OWNED: Final = "a law of the columns and memory of a named mechanism is its form"

@@ -16,7 +16,7 @@ from experiments.lock_in_in_published_data.recordings import recording, table_3
 from rlgcomp.calibration.rate_dependence import fit_lock_in
 from rlgcomp.calibration.scale_factor import sd_of_mean
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.noise.processes import stream
 from rlgcomp.physics.lock_in import LockIn
 from rlgcomp.physics.mechanism import Mechanism

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.scores import Score
+from rlgcomp.diagnosis.answer.scores import Score
 
 MEMORY = {
     "thermal_hysteresis": "rate-independent",

@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from experiments.speed.measure import Case, Peer, Row
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp import units
-from rlgcomp.diagnosis.baseline import Baseline
 from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.regions.baseline import Baseline
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.numerics.robust import SD_OF_MAD, segments

@@ -9,14 +9,14 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.bank import Bank
+from rlgcomp.diagnosis.answer.posterior import Posterior
 from rlgcomp.diagnosis.case import Case
 from rlgcomp.diagnosis.diagnose import request_of
-from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.screen import KEPT_BY_REPEATED, Layout
+from rlgcomp.diagnosis.forms.terms import Region
 from rlgcomp.diagnosis.prepare import AnySimulator, Prepared
-from rlgcomp.diagnosis.screen import KEPT_BY_REPEATED, Layout
-from rlgcomp.diagnosis.search import Search
-from rlgcomp.diagnosis.terms import Region
+from rlgcomp.diagnosis.search.beam import Search
 from rlgcomp.numerics.compiled import one_blas_thread
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism

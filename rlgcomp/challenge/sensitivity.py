@@ -28,7 +28,7 @@ from rlgcomp.challenge.injection import Array, Projection, contributions, distin
 from rlgcomp.challenge.repeated import Repeated
 from rlgcomp.diagnosis.decide import decided
 from rlgcomp.diagnosis.diagnose import diagnose
-from rlgcomp.diagnosis.result import Diagnosis
+from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import stream
 from rlgcomp.numerics.worker_processes import end_with

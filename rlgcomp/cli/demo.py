@@ -12,7 +12,7 @@ from rlgcomp.cli.ending import notify
 from rlgcomp.cli.show import show_evaluation, show_json, show_table, show_text
 
 if TYPE_CHECKING:
-    from rlgcomp.diagnosis.result import Diagnosis
+    from rlgcomp.diagnosis.report.result import Diagnosis
 
 UNIT = 1
 # Concealed, by chamber programmes: short runs show too little hysteresis to name it with certainty.

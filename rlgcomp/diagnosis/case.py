@@ -9,21 +9,21 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
-from rlgcomp.diagnosis.bases import Basis
-from rlgcomp.diagnosis.clocks import clock_regions
 from rlgcomp.diagnosis.data import Data, Grid, Run
-from rlgcomp.diagnosis.drivers import Driver
-from rlgcomp.diagnosis.identities import Identity, identities, without_identities
-from rlgcomp.diagnosis.laboratory import thermometer_of
-from rlgcomp.diagnosis.nuisances import nuisances
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.identities import Identity, identities, without_identities
+from rlgcomp.diagnosis.forms.bases import Basis
+from rlgcomp.diagnosis.forms.drivers import Driver
+from rlgcomp.diagnosis.forms.terms import Region
+from rlgcomp.diagnosis.next_experiment.laboratory import thermometer_of
 from rlgcomp.diagnosis.prepare import SIMULATED, Prepared
-from rlgcomp.diagnosis.record import Request
-from rlgcomp.diagnosis.regions import laws, named, own_bases
-from rlgcomp.diagnosis.setting import Setting
-from rlgcomp.diagnosis.terms import Region
-from rlgcomp.diagnosis.turning import turning_regions, with_angle_rows
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.regions.chamber import laws, named, own_bases
+from rlgcomp.diagnosis.regions.clocks import clock_regions
+from rlgcomp.diagnosis.regions.nuisances import nuisances
+from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.regions.turntable import turning_regions, with_angle_rows
+from rlgcomp.diagnosis.report.record import Request
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism

@@ -6,17 +6,17 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Final, Self
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.baseline import Baseline
+from rlgcomp.diagnosis.answer.posterior import Posterior
 from rlgcomp.diagnosis.case import Case, Question
 from rlgcomp.diagnosis.data import Data
-from rlgcomp.diagnosis.evidence import Evidence
-from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.regions import OTHER_FORM
-from rlgcomp.diagnosis.search import Search
-from rlgcomp.diagnosis.shapes import LIKELIER, columns_beside, likelier, renewed, wrong_amplitudes
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import Region
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.evidence.closed_form import Evidence
+from rlgcomp.diagnosis.forms.terms import Region
+from rlgcomp.diagnosis.regions.baseline import Baseline
+from rlgcomp.diagnosis.regions.chamber import OTHER_FORM
+from rlgcomp.diagnosis.search.beam import Search
+from rlgcomp.diagnosis.search.shapes import LIKELIER, columns_beside, likelier, renewed, wrong_amplitudes
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
 

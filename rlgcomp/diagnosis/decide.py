@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final, Literal
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.posterior import Posterior
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.terms import MemoryClass, Region
+from rlgcomp.diagnosis.answer.posterior import Posterior
+from rlgcomp.diagnosis.forms.terms import MemoryClass, Region
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.physics.mechanism import TABLE_RATE
 
 Verdict = Literal["none", "explained", "ambiguous", "unknown"]

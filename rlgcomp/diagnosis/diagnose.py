@@ -5,21 +5,21 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-from rlgcomp.diagnosis.bank import Bank
-from rlgcomp.diagnosis.black_box import BlackBox
+from rlgcomp.diagnosis.answer.black_box import BlackBox
+from rlgcomp.diagnosis.answer.fit import Fit
+from rlgcomp.diagnosis.answer.posterior import Posterior
 from rlgcomp.diagnosis.case import Case, bases_of
 from rlgcomp.diagnosis.choice import Choice, calibrated_last, in_training
 from rlgcomp.diagnosis.decide import LOUDER, Decision, decided
-from rlgcomp.diagnosis.design import likely, next_experiment
-from rlgcomp.diagnosis.fit import Fit
-from rlgcomp.diagnosis.noise import Noise
-from rlgcomp.diagnosis.posterior import Posterior
+from rlgcomp.diagnosis.evidence.bank import Bank
+from rlgcomp.diagnosis.next_experiment.design import likely, next_experiment
+from rlgcomp.diagnosis.next_experiment.programmes import ChamberRange
+from rlgcomp.diagnosis.noise.model import Noise
 from rlgcomp.diagnosis.prepare import AnySimulator, Prepared
-from rlgcomp.diagnosis.programmes import ChamberRange
-from rlgcomp.diagnosis.record import Request
-from rlgcomp.diagnosis.result import Diagnosis
-from rlgcomp.diagnosis.states import State
-from rlgcomp.diagnosis.turning import with_angle_rows
+from rlgcomp.diagnosis.regions.turntable import with_angle_rows
+from rlgcomp.diagnosis.report.record import Request
+from rlgcomp.diagnosis.report.result import Diagnosis
+from rlgcomp.diagnosis.search.states import State
 from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.numerics.compiled import one_blas_thread

@@ -1,7 +1,7 @@
 """Error mechanisms of a ring laser gyro, one file each. To add one, write its file and its line in `CATALOGUE`.
 
 The simulator reads this list and knows no mechanism by name. Diagnosis searches a mechanism by its `grid` and `basis`; those that
-need more stand by name in its `regions.py` and `turning.py`, causal columns for compensations in `compensation/causal_forms.py`.
+need more stand by name in its `regions/`, causal columns for compensations in `compensation/causal_forms.py`.
 A test walks the folder and checks every mechanism against the contract of :mod:`rlgcomp.physics.mechanism`.
 """
 

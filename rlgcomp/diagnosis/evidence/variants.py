@@ -1,0 +1,87 @@
+r"""The evidence of a few forms that differ in a basis or two, as one form does from its moves and from what it grows to.
+
+What all of them share is turned to its principal directions beside the set once, and stays with the set, for polishing asks again
+and again. Each form is then its own columns beside those
+(:meth:`~rlgcomp.diagnosis.evidence.closed_form.Conditional.beside_shared`); columns that several forms have are multiplied once.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.evidence.bank import Scaled
+from rlgcomp.diagnosis.evidence.closed_form import Conditional, Shared
+from rlgcomp.diagnosis.forms.terms import Form
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+_WORTH: Final = 8  # columns that forms share beyond those already turned, from which on they are turned anew
+_AT_ONCE: Final = 2_000_000  # numbers of a stack of forms
+
+
+def gains(given: Conditional, forms: Iterable[Form]) -> tuple[tuple[Form, ...], Array]:
+    """Those of some forms that have a scale, and the log evidence with each of each size, shape (forms, sizes)."""
+    bank = given.evidence.bank
+    listed = list(forms)
+    bank.prepare(listed)
+    scaled = {form: parts for form in listed if (parts := bank.scaled(form)) is not None}
+    if not scaled:
+        return (), np.empty((0, len(priors.SIZES)))
+    shared = _shared(given, list(scaled.values()))
+    own = [tuple(part for part in parts if part not in shared.parts) for parts in scaled.values()]
+    found = _beside(given, shared, own)
+    for k, form in enumerate(scaled):
+        if form.sizes:
+            found[k] += np.array(form.sizes)
+    return tuple(scaled), found
+
+
+def _shared(given: Conditional, scaled: Sequence[Scaled]) -> Shared:
+    """What is turned already of the parts that all forms have, or all of these where that is little of them."""
+    common = set(scaled[0]).intersection(*scaled[1:])
+    known = max((one for one in given.shared if one.parts <= common), key=lambda one: len(one.values), default=None)
+    more = sum(given.evidence.bank.width(basis) for basis, _ in common) - (0 if known is None else len(known.values))
+    if known is not None and (len(scaled) == 1 or more < _WORTH):
+        return known
+    found = given.turned([part for part in scaled[0] if part in common] if len(scaled) > 1 and more >= _WORTH else [])
+    given.shared.append(found)
+    return found
+
+
+def _beside(given: Conditional, shared: Shared, own: Sequence[Scaled]) -> Array:
+    """Log evidence with forms of shared and own parts, of each size, shape (forms, sizes)."""
+    bases = list(dict.fromkeys(basis for parts in own for basis, _ in parts))
+    columns = given.evidence.columns([(basis, 1.0) for basis in bases])
+    edges = np.cumsum([0, *(given.evidence.bank.width(basis) for basis in bases)])
+    place = {basis: range(a, b) for basis, a, b in zip(bases, edges[:-1], edges[1:], strict=True)}
+    both, cross = shared.columns.T @ columns, given.reduced_by(columns)
+    vector = columns.T @ given.evidence.output - cross.T @ given.weights_half
+    by_width: dict[int, list[int]] = defaultdict(list)
+    index = [np.array([k for basis, _ in parts for k in place[basis]], np.intp) for parts in own]
+    scales = [np.array([scale for basis, scale in parts for _ in place[basis]]) for parts in own]
+    for k, one in enumerate(index):
+        by_width[len(one)].append(k)
+    every = len(vector) ** 2 <= sum(len(one) ** 2 for one in index)
+    gram = columns.T @ columns - cross.T @ cross if every else None
+    found = np.empty((len(own), len(priors.SIZES)))
+    for width, numbers in by_width.items():
+        at_once = max(1, _AT_ONCE // max(1, width * (width + len(columns) * (not every))))
+        for first in range(0, len(numbers), at_once):
+            some = numbers[first : first + at_once]
+            at, scale = (np.array([table[k] for k in some]).reshape(len(some), width) for table in (index, scales))
+            of_own = _products(columns, cross, at) if gram is None else gram[at[:, :, None], at[:, None, :]]
+            of_own = of_own * scale[:, :, None] * scale[:, None, :]
+            found[some] = given.beside_shared(shared.values, shared.along, both[:, at] * scale, of_own, vector[at] * scale)
+    return found
+
+
+def _products(columns: Array, cross: Array, at: IntArray) -> Array:
+    """Products of the columns of each form with one another, beside the set, shape (forms, l, l)."""
+    own, of_set = (np.ascontiguousarray(np.moveaxis(table[:, at], 1, 0)) for table in (columns, cross))
+    return np.asarray(np.matmul(np.swapaxes(own, 1, 2), own) - np.matmul(np.swapaxes(of_set, 1, 2), of_set))

@@ -1,0 +1,198 @@
+"""Bases of the time in a run: laws of the time since switch-on, and waves."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Final, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.data import Run
+from rlgcomp.diagnosis.forms.bases import Basis, gaussian_process
+from rlgcomp.diagnosis.forms.drivers import Path
+from rlgcomp.units import SECONDS_PER_DAY
+
+Array = npt.NDArray[np.float64]
+_PER_KNOT: Final = 16  # points of time, at which a wave's envelope is evaluated
+_EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
+
+
+@dataclasses.dataclass(frozen=True)
+class Since(Basis):
+    r"""A function of the time since switch-on.
+
+    :math:`e^{-(t/\tau)^q}`, :math:`(1 + t/\tau)^{-q}`, :math:`\ln(1 + t/\tau)`, or :math:`t^p` of the run's length.
+    """
+
+    law: Literal["exponential", "hyperbola", "logarithm", "power"]
+    value: float
+    unit_s: float
+    ratio: float = 1.4
+    exponent: float = 1.0
+
+    def columns(self, run: Run) -> Array:
+        return self._at(run.elapsed_s)[:, None]
+
+    def _at(self, elapsed_s: Array) -> Array:
+        if self.law == "power":
+            return np.asarray((elapsed_s / self.unit_s) ** self.value)
+        scaled = elapsed_s / self.value
+        if self.law == "hyperbola":
+            return np.asarray((1.0 + scaled) ** -self.exponent)
+        return np.asarray(np.exp(-(scaled**self.exponent)) if self.law == "exponential" else np.log1p(scaled))
+
+    @property
+    def settles(self) -> bool:
+        """Whether it may be a warm-up: of one that has not settled within a run nobody can tell that it will."""
+        return self.law in ("logarithm", "power") or float(self._at(np.asarray(self.unit_s))) <= priors.WARM_UP_LEFT
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        if self.law == "power" and self.value == 1.0:
+            return ()
+        found = [dataclasses.replace(self, value=self.value * f) for f in (self.ratio**step, self.ratio**-step)]
+        if self.law == "hyperbola" or self.exponent != 1.0:
+            found += [
+                dataclasses.replace(self, exponent=self.exponent * f) for f in (_EXPONENT_RATIO**step, _EXPONENT_RATIO**-step)
+            ]
+        return tuple(one for one in found if one.settles)
+
+    def parameters(self) -> dict[str, float]:
+        if self.law == "power":
+            return {} if self.value == 1.0 else {"exponent": self.value}
+        own = {"q": self.exponent} if self.law == "hyperbola" or self.exponent != 1.0 else {}
+        return {"time_constant_s": self.value, **own}
+
+    @property
+    def of_mechanism(self) -> bool:
+        """Of the laws, the exponential and the straight line are equations of the catalogue."""
+        return self.value == 1.0 if self.law == "power" else self.law == "exponential" and self.exponent == 1.0
+
+    def per_unit(self) -> float:
+        return SECONDS_PER_DAY / self.unit_s if self.law == "power" and self.value == 1.0 else 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class SmoothSince(Basis):
+    """A Gaussian process of the logarithm of the time since switch-on."""
+
+    shortest_s: float
+    longest_s: float
+    width: float = 0.4
+    knots: int = 10
+
+    def columns(self, run: Run) -> Array:
+        scaled = 2.0 * np.log1p(run.elapsed_s / self.shortest_s) / math.log1p(self.longest_s / self.shortest_s) - 1.0
+        return gaussian_process(np.minimum(scaled, 1.1), self.width, self.knots)
+
+
+@dataclasses.dataclass(frozen=True)
+class Wave(Basis):
+    """Cosine and sine of one frequency, their phase counted from the beginning of the run; `growing`, times the time."""
+
+    frequency_hz: float
+    resolution_hz: float
+    growing: bool = False
+
+    def columns(self, run: Run) -> Array:
+        turn = 2.0 * math.pi * self.frequency_hz * run.elapsed_s
+        waves = np.column_stack([np.cos(turn), np.sin(turn)])
+        return waves * (2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)[:, None] if self.growing else waves
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        moves = step * self.resolution_hz, -step * self.resolution_hz
+        return tuple(dataclasses.replace(self, frequency_hz=self.frequency_hz + move) for move in moves)
+
+    def parameters(self) -> dict[str, float]:
+        return {"frequency_hz": self.frequency_hz}
+
+
+@dataclasses.dataclass(frozen=True)
+class Modulated(Basis):
+    """A wave whose amplitude and phase change slowly, as of a frequency that wanders: Gaussian processes of the time in a run."""
+
+    wave: Wave
+    knots: int
+
+    @property
+    def width(self) -> float:
+        """Correlation length of the processes over half a run."""
+        return 2.0 / self.knots
+
+    def columns(self, run: Run) -> Array:
+        time = 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0
+        slow = gaussian_process(time, self.width, self.knots)
+        return (self.wave.columns(run)[:, :, None] * slow[:, None, :]).reshape(run.bins, -1)
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, wave=wave) for wave in self.wave.nearby(step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.wave.parameters()
+
+    def envelope(self, weights: Array) -> npt.NDArray[np.complex128]:
+        """Its complex amplitude at even places of a run, of weights of shape (..., 2 knots)."""
+        cosine, sine = np.moveaxis(weights.reshape(*weights.shape[:-1], 2, self.knots), -2, 0)
+        time = np.linspace(-1.0, 1.0, _PER_KNOT * self.knots)
+        return np.asarray((cosine - 1j * sine) @ gaussian_process(time, self.width, self.knots).T)
+
+    def moments(self, weights: Array, seconds: float) -> Array:
+        """Of its power in a run: integral, mean and mean square of the frequency less the wave's own, by Parseval's theorem.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (..., 2 knots)
+        seconds : float
+            Length of the run.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            The latter two times the integral, in hertz and its square.
+        """
+        envelope = self.envelope(weights)
+        step = seconds / (envelope.shape[-1] - 1.0)
+        slope = np.gradient(envelope, step, axis=-1) / (2.0 * math.pi)
+        powers = np.abs(envelope) ** 2, np.imag(np.conj(envelope) * slope), np.abs(slope) ** 2
+        return np.stack([step * power.sum(axis=-1) for power in powers], axis=-1)
+
+
+def mean_and_width(moments: Array) -> tuple[Array, Array]:
+    """Of moments of runs, shape (..., runs, 3): mean frequency less the wave's own and standard deviation of the spectrum."""
+    power, first, second = np.moveaxis(moments.sum(axis=-2), -1, 0)
+    mean = first / power
+    return mean, np.sqrt(np.maximum(second / power - mean**2, 0.0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Wide(Modulated):
+    """The same with a spectrum so wide that its frequency is not polished: it would become a line."""
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        del step
+        return ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Following(Basis):
+    """A wave, and the same wave times a recorded column: its amplitude follows the column, or its phase does."""
+
+    wave: Wave
+    by: Path
+
+    def columns(self, run: Run) -> Array:
+        waves = self.wave.columns(run)
+        return np.hstack([waves, waves * self.by.values(run)[:, None]])
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, wave=wave) for wave in self.wave.nearby(step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.wave.parameters()
+
+    @property
+    def of_mechanism(self) -> bool:
+        """Its weights are not all amplitudes of the mechanism."""
+        return False

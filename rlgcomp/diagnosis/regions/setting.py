@@ -1,0 +1,55 @@
+"""What the builders of regions read: the training runs, and the thermometer that the catalogue means by temperature."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from rlgcomp.diagnosis import priors
+from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.forms.bases import Basis, Power, Smooth
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.units import is_thermometer
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """What the builders of regions read: the training runs and the thermometer that the catalogue means by temperature."""
+
+    data: Data
+    temperature: Driver
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the runs."""
+        return tuple(run.name for run in self.data.runs)
+
+    @property
+    def other_thermometers(self) -> tuple[Driver, ...]:
+        """Of other places than the one that the catalogue means by temperature."""
+        columns = [c for c in self.data.columns if is_thermometer(c) and c != self.temperature.columns[0]]
+        return tuple(Driver.of(self.data, column) for column in columns)
+
+    @property
+    def has_thermometer(self) -> bool:
+        """Whether what stands for the temperature is one."""
+        return is_thermometer(self.temperature.columns[0])
+
+    @property
+    def thermal(self) -> Path:
+        return Path(self.temperature)
+
+    def time_constants_s(self, shortest: float = 1.0, longest: float = 1.0) -> tuple[float, ...]:
+        """From so many windows to so many run lengths, in equal ratios."""
+        first = shortest * self.data.runs[0].grid.window_s
+        return tuple(float(t) for t in np.geomspace(first, longest * self.data.longest_s, priors.TIME_CONSTANTS))
+
+
+def departures(path: Path, data: Data | None = None, parity: int = 0) -> tuple[Basis, ...]:
+    """Smooth functions of a path, even (1) or odd ones (-1) where a parity is asked for.
+
+    With the data, each of two columns by itself as well, for their sensors err each by its own.
+    """
+    each = path.driver.columns if data is not None and len(path.driver.columns) > 1 else ()
+    return (Smooth(path, 0.5, 8, parity), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))

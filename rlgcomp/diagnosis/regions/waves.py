@@ -1,0 +1,220 @@
+"""Waves that a residual proposes: lines, whose spectrum is narrow, and what turns some times in a run and is none.
+
+A wave whose frequency wanders is the narrower the longer it keeps its phase. Where that spectrum is as wide as its frequency
+is high it is a smooth function of the time in each run: something unrecorded that wanders, and not a source of a period.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from rlgcomp.diagnosis.data import Data
+from rlgcomp.diagnosis.forms.bases import Basis, EachRun
+from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.terms import WANDER, Form
+from rlgcomp.diagnosis.forms.times import Following, Modulated, Wave, Wide, mean_and_width
+from rlgcomp.diagnosis.regions.selections import OnlyIn
+from rlgcomp.diagnosis.regions.setting import Setting
+
+_CYCLES: Final = 3  # in the longest run, at least: fewer are a drift
+_OVERSAMPLING: Final = 3  # frequencies in each resolution cell
+_PEAKS: Final = 2
+_HARMONICS: Final = 5
+_MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency wanders
+_MOST_KNOTS: Final = 24  # of a harmonic
+_WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
+_QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
+_FORGETFUL: Final = 0.1  # standard deviation of its spectrum over its frequency: its phase is forgotten within two cycles
+_UNSTEADY: Final = 1.4  # mean square of its power over the square of the mean: one of a steady amplitude, two of Gaussian noise
+_WANDER: Final = "b = smooth function of the time in each run"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Waves:
+    """Frequencies of the waves that runs can show, and the waves at them."""
+
+    data: Data
+
+    @functools.cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(run.name for run in self.data.runs)
+
+    @functools.cached_property
+    def cells(self) -> int:
+        return _OVERSAMPLING * self.data.longest
+
+    @property
+    def step_hz(self) -> float:
+        return 1.0 / (self.cells * self.data.runs[0].grid.window_s)
+
+    @functools.cached_property
+    def places(self) -> npt.NDArray[np.intp]:
+        """In steps."""
+        return np.arange(_CYCLES * _OVERSAMPLING, self.cells // 2)
+
+    @property
+    def log_share(self) -> float:
+        """Of a form at one place, be it a line or wider: the prior does not jump where the name does."""
+        return -math.log(2.0 * max(1, len(self.places)))
+
+    def one(self, place: float) -> Wave:
+        return Wave(place * self.step_hz, self.step_hz)
+
+    def modulated(self, place: float, knots: int) -> EachRun:
+        """A wave of a frequency that wanders."""
+        of = Modulated if _is_line(place, knots) else Wide
+        return EachRun(of(self.one(place), knots), self.names)
+
+    def peaks(self, residual: np.ndarray[Any, Any], each: bool) -> Iterator[int]:
+        """Places of the highest peaks of the periodogram, of all runs together or with a phase in each."""
+        transforms = []
+        for run, rows in zip(self.data.runs, self.data.slices, strict=True):
+            even = np.zeros(self.cells)
+            even[run.windows] = residual[rows]
+            transforms.append(np.fft.rfft(even)[self.places])
+        power = np.sum(np.abs(transforms) ** 2, axis=0) if each else np.abs(np.sum(transforms, axis=0)) ** 2
+        for _ in range(_PEAKS if len(self.places) else 0):
+            k = int(np.argmax(power))
+            yield int(self.places[k])
+            power[max(0, k - 3 * _OVERSAMPLING) : k + 3 * _OVERSAMPLING + 1] = 0.0
+
+
+def _is_line(place: float, knots: int) -> bool:
+    """Whether the spectrum of a wave whose frequency wanders is narrow."""
+    return place / _OVERSAMPLING >= _QUALITY * _WIDTH * knots
+
+
+def _with_wave(basis: Basis, change: Callable[[Wave], Wave]) -> Basis:
+    """The wave of a basis changed, where it acts as the basis does: in each run or in some of them."""
+    if isinstance(basis, EachRun | OnlyIn):
+        return dataclasses.replace(basis, basis=_with_wave(basis.basis, change))
+    wave = basis if isinstance(basis, Wave) else getattr(basis, "wave", None)
+    assert isinstance(wave, Wave)  # noqa: S101
+    return change(wave)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Harmonic:
+    """Makes the harmonic of an order of a wave; it goes with the wave's frequency while that is polished."""
+
+    order: int
+
+    def __call__(self, basis: Basis) -> Basis:
+        return _with_wave(basis, lambda wave: dataclasses.replace(wave, frequency_hz=self.order * wave.frequency_hz))
+
+
+def _growing(basis: Basis) -> Basis:
+    """A wave whose amplitude grows with the time in a run."""
+    return _with_wave(basis, lambda wave: dataclasses.replace(wave, growing=True))
+
+
+_HIGHER: Final[tuple[Callable[[Basis], Basis], ...]] = tuple(_Harmonic(order) for order in range(2, _HARMONICS + 1))
+
+
+def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
+    """Proposals of a line: peaks of the periodogram, with one phase in all runs or with one in each.
+
+    One of one phase may have an amplitude that follows a recorded column, as of a source on the supply that is recorded.
+    """
+    waves, data = _Waves(setting.data), setting.data
+    columns = [Path(Driver.of(data, column)) for column in data.columns]
+
+    def forms(place: float, each: bool) -> Form:
+        first = EachRun(waves.one(place), waves.names) if each else waves.one(place)
+        own = _HIGHER if each else (*_HIGHER, _growing)
+        phase = "of a phase in each run" if each else "of one phase"
+        return Form(key, f"b = wave of frequency_hz, {phase}", (first,), (), own, waves.log_share)
+
+    def wandering(place: float, knots: int) -> Form:
+        equation = "b = wave of a frequency that wanders about frequency_hz"
+        steady = EachRun(waves.one(place), waves.names)
+        return Form(key, equation, (waves.modulated(place, knots),), tuple(one(steady) for one in _HIGHER), (), waves.log_share)
+
+    def following(place: float, by: Path) -> Form:
+        equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
+        share = waves.log_share - math.log(len(columns))
+        return dataclasses.replace(forms(place, False), equation=equation, lead=(Following(waves.one(place), by),), log_share=share)
+
+    def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
+        found = []
+        for each in (False, True):
+            for place in waves.peaks(residual, each):
+                found += [forms(place + shift, each) for shift in (-0.5, 0.0, 0.5)]
+                found += [wandering(place, knots) for knots in _MODULATIONS if each and _is_line(place, knots)]
+                found += [following(place, by) for by in columns if not each]
+        return tuple(found)
+
+    return propose
+
+
+def harmonics(setting: Setting) -> Callable[[Form], Iterator[Form]]:
+    """A line whose frequency wanders with one more harmonic, which wanders by as many times as much."""
+    highest_hz = 0.5 / setting.data.runs[0].grid.window_s
+
+    def grow(form: Form) -> Iterator[Form]:
+        first = form.lead[0]
+        if not isinstance(first, EachRun) or not isinstance(first.basis, Modulated):
+            return
+        wave, knots = first.basis.wave, first.basis.knots
+        for order in range(2, _HARMONICS + 2):
+            harmonic = dataclasses.replace(wave, frequency_hz=order * wave.frequency_hz)
+            basis = EachRun(Wide(harmonic, min(order * knots, _MOST_KNOTS)), first.runs)
+            if basis not in form.lead and harmonic.frequency_hz < highest_hz:
+                yield dataclasses.replace(form, lead=(*form.lead, basis))
+
+    return grow
+
+
+def wanders_about(form: Form) -> Modulated | None:
+    """The wave of a line whose frequency wanders; None of any other form."""
+    first = form.lead[0]
+    basis = first.basis if isinstance(first, EachRun) else None
+    return basis if isinstance(basis, Modulated) and not isinstance(basis, Wide) else None
+
+
+def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | None:
+    """A line that is none, as what wanders unrecorded: its phase is soon forgotten, and its amplitude is not steady; else None.
+
+    A source of a period has an amplitude, were its phase to stray; of what is random both come and go together.
+
+    Parameters
+    ----------
+    form : Form
+    weights : ndarray, shape (m,)
+        Of its first leading basis, or in proportion to them.
+    data : Data
+    """
+    wave, first = wanders_about(form), form.lead[0]
+    if wave is None or not isinstance(first, EachRun):
+        return None
+    seconds = {run.name: float(run.elapsed_s[-1]) for run in data.runs}
+    of_runs = weights.reshape(len(first.runs), -1)
+    moments = [wave.moments(own, seconds[name]) for own, name in zip(of_runs, first.runs, strict=True) if name in seconds]
+    mean, width = mean_and_width(np.array(moments))
+    power = np.abs(wave.envelope(of_runs)) ** 2
+    if width < _FORGETFUL * (wave.wave.frequency_hz + mean) or np.mean(power**2) < _UNSTEADY * np.mean(power) ** 2:
+        return None
+    wide = EachRun(Wide(wave.wave, wave.knots), first.runs)
+    return dataclasses.replace(form, region=WANDER, equation=_WANDER, lead=(wide, *form.lead[1:]))
+
+
+def wanders(setting: Setting) -> Callable[[np.ndarray[Any, Any]], tuple[Form, ...]]:
+    """Proposals of what turns some times in a run and is no line, for its spectrum is wide: something unrecorded that wanders."""
+    waves = _Waves(setting.data)
+
+    def propose(residual: np.ndarray[Any, Any]) -> tuple[Form, ...]:
+        return tuple(
+            Form(WANDER, _WANDER, (waves.modulated(place, knots),), (), (), waves.log_share)
+            for place in waves.peaks(residual, True)
+            for knots in _MODULATIONS
+            if not _is_line(place, knots)
+        )
+
+    return propose
