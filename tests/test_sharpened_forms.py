@@ -12,7 +12,7 @@ import pytest
 from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence.bank import Bank
-from rlgcomp.diagnosis.forms.bases import Basis, Power, Smooth
+from rlgcomp.diagnosis.forms.bases import Basis, Own, Power, Smooth
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.memories import Relays
 from rlgcomp.diagnosis.forms.nonlinearities import Hinge, Saturation, SignedPower
@@ -25,6 +25,7 @@ from rlgcomp.diagnosis.search.process import Process
 from rlgcomp.diagnosis.search.sharpening import Sharpening
 from rlgcomp.diagnosis.search.states import State
 from rlgcomp.physics import CATALOGUE
+from rlgcomp.physics.mechanism import Mechanism, amplitude
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 
@@ -90,6 +91,32 @@ def test_nonlinearities_are_their_equations() -> None:
     assert Hinge(VOLTS, 0.1, -1).columns(run)[:, 0] == pytest.approx([1.1, 0.3, 0.1, 0.0, 0.0])
     assert SignedPower(VOLTS, 2.0, False).columns(run)[:, 0] == pytest.approx(u * np.abs(u))
     assert SignedPower(VOLTS, 0.5, True).columns(run)[:, 0] == pytest.approx(np.sqrt(np.abs(u)))
+
+
+def test_a_mechanism_of_one_driver_is_its_own_basis_unless_that_is_a_line_over_the_driver() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Supply(Mechanism):
+        name = "supply_voltage"
+        kind = "chamber"
+        equation = "b = k * (supply_voltage_V - 15)^power"
+        reference = "A note of this laboratory."
+        drivers = ("supply_voltage_V",)
+        k_deg_h_V: float = amplitude(0.1, "deg/h/V")
+        power = 1.0
+
+        def basis(self, recording: Recording) -> Any:
+            (volts,) = self.read(recording)
+            return ((volts - 15.0) ** self.power)[:, None]
+
+    class Square(Supply):
+        power = 2.0
+
+    runs = [recording(1)]
+    data = Data(tuple(Run.of(run, Grid.of(runs), lambda binned: binned.rate_deg_h()) for run in runs))
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    for mechanism, own in ((Supply, False), (Square, True)):
+        region = next(named(setting, {"supply_voltage": mechanism}, ()))
+        assert isinstance(region.forms[0].lead[0], Own) == own
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,8 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.forms.bases import Basis, Magnitude, Own, Power, Product, Shift, Smooth, SmoothBetween
@@ -37,13 +39,13 @@ from rlgcomp.diagnosis.regions.loops import (
 )
 from rlgcomp.diagnosis.regions.setting import Setting, departures
 from rlgcomp.diagnosis.regions.waves import harmonics, lines, wanders
-from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 from rlgcomp.units import is_thermometer
 
 _NAMED: Final = math.log(priors.NAMED_ODDS)
 _LAW: Final = math.log(priors.LAW_ODDS)
 OTHER_FORM: Final = "form:"  # before the name of a mechanism of the simulator, the key of its region
+_ROUNDING: Final = 1e-9  # of an error, which a line over its driver may leave
 _PLACES: Final = (-0.3, 0.25, 0.5, 0.75, 1.3)  # of the way from one thermometer to another
 
 
@@ -294,15 +296,26 @@ def _beyond(families: Iterable[Family]) -> Iterator[Family]:
 
 def _of_monitors(setting: Setting, key: str, log_odds: float, mechanism: type[Mechanism], columns: tuple[str, ...]) -> Region:
     name, present = mechanism.name, key != mechanism.name
-    one = len(columns) == 1 and len([p for p in mechanism.parameters() if p.role == "amplitude"]) == 1
-    one = one and CATALOGUE.get(name) is mechanism  # a mechanism of the user's may be of any form
-    if one or name in _PAIRS:
+    if name in _PAIRS or (len(columns) == 1 and _is_a_line(mechanism, setting, columns[0])):
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
         families = _monitor(path, setting.data)
         return Region(key, name, log_odds, forms_of(key, _beyond(families) if present else families), columns)
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
     smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)
     return Region(key, name, log_odds, forms_of(key, [Family(mechanism.equation, leads, smooth)]), columns)
+
+
+def _is_a_line(mechanism: type[Mechanism], setting: Setting, column: str) -> bool:
+    """Whether the error of a mechanism of one amplitude is a line over its driver, in these runs."""
+    point = mechanism()
+    if len(point.amplitude_parameters()) != 1 or point.shape_parameters():
+        return False
+    recordings = [run.binned for run in setting.data.runs]
+    error = np.concatenate([point.basis(recording)[:, 0] for recording in recordings])
+    driver = np.concatenate([recording.column(column) for recording in recordings])
+    error, driver = error - error.mean(), driver - driver.mean()
+    left = error - driver * (driver @ error) / max(driver @ driver, np.finfo(np.float64).tiny)
+    return bool(np.linalg.norm(left) <= _ROUNDING * np.linalg.norm(error))
 
 
 def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
