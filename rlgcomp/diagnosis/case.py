@@ -18,8 +18,9 @@ from rlgcomp.diagnosis.forms.terms import Region
 from rlgcomp.diagnosis.next_experiment.laboratory import thermometer_of
 from rlgcomp.diagnosis.prepare import SIMULATED, Prepared
 from rlgcomp.diagnosis.regions.baseline import Baseline
-from rlgcomp.diagnosis.regions.chamber import laws, named, own_bases
+from rlgcomp.diagnosis.regions.chamber import named, own_bases
 from rlgcomp.diagnosis.regions.clocks import clock_regions
+from rlgcomp.diagnosis.regions.monitors import laws
 from rlgcomp.diagnosis.regions.nuisances import nuisances
 from rlgcomp.diagnosis.regions.setting import Setting
 from rlgcomp.diagnosis.regions.turntable import turning_regions, with_angle_rows

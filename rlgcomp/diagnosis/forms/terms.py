@@ -77,6 +77,10 @@ class Form(Hashed):
         )
 
 
+Others = Callable[[Form], Iterable[Form]]  # forms that one may become
+Joined = Callable[[Form, Form], Form | None]  # one form in place of two, where there is one
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Region:
     """A class of driver × memory with the forms that are tried in it.
@@ -119,12 +123,12 @@ class Region:
     forms: tuple[Form, ...]
     drivers: tuple[str, ...] = ()
     memory: MemoryClass = "static"
-    grow: Callable[[Form], Iterable[Form]] | None = None
-    shrink: Callable[[Form], Iterable[Form]] | None = None
-    absorb: Callable[[Form, Form], Form | None] | None = None
-    adopt: Callable[[Form, Form], Form | None] | None = None
+    grow: Others | None = None
+    shrink: Others | None = None
+    absorb: Joined | None = None
+    adopt: Joined | None = None
     rougher: Callable[[Form], Form | None] | None = None
-    one_history: Callable[[Form], Iterable[Form]] | None = None
+    one_history: Others | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False
     finer: tuple[Form, ...] = ()

@@ -7,7 +7,10 @@ Modules, each importing only from those before it:
     baseline    the simulator, linearised in its free numbers
     selections  terms in some of the runs, amplitudes by run
     waves       lines that a residual proposes, and smooth wanders
-    chamber     the regions that are searched
+    thermal     families of forms of the temperature
+    switch_on   families of forms of the time since switch-on
+    monitors    regions of recorded monitors, and laws that no mechanism has
+    chamber     regions that mechanisms name in chamber runs
     turntable   rows and regions where a table turns
     lateness    columns that are late
     clocks      the clock of a user's simulation
