@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, cast
 
 
@@ -19,6 +20,10 @@ class Hashed:
         try:
             return self._hash
         except AttributeError:
-            fields = dataclasses.fields(cast("Any", self))
-            object.__setattr__(self, "_hash", hash((type(self), *(getattr(self, field.name) for field in fields))))
+            object.__setattr__(self, "_hash", hash((type(self), *(getattr(self, name) for name in self._names()))))
             return self._hash
+
+    @classmethod
+    @functools.cache
+    def _names(cls) -> tuple[str, ...]:
+        return tuple(field.name for field in dataclasses.fields(cast("Any", cls)))
