@@ -6,9 +6,17 @@ from typing import Final
 
 from rlgcomp.recording import Recording
 
-IDLE: Final = ("light_intensity_V", "readout_a_V", "readout_b_V", "discharge_current_a_mA", "discharge_current_b_mA")
+IDLE: Final = (
+    "light_intensity_V",
+    "readout_a_V",
+    "readout_b_V",
+    "discharge_current_a_mA",
+    "discharge_current_b_mA",
+    "magnetic_field_uT",
+    "pressure_hPa",
+)
 
 
-def few_monitors(run: Recording) -> Recording:
-    """The run without its light, its readouts and its discharge currents."""
-    return run.replace(table=run.table.drop(columns=list(IDLE)))
+def few_monitors(run: Recording, *kept: str) -> Recording:
+    """The run with its thermometers, its supply voltage, and of the other monitors those that have a part."""
+    return run.replace(table=run.table.drop(columns=[name for name in IDLE if name not in kept and name in run.table]))

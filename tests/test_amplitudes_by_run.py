@@ -32,7 +32,8 @@ def runs() -> list[rlg.Recording]:
     for k, programme in enumerate((*PROGRAMMES, PROGRAMMES[0])):
         run = plain.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         line = 0.05 * np.sin(2.0 * np.pi * run.time_s / PERIOD_S + 2.1 * k)
-        found.append(few_monitors(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + line), truth=None)))
+        stray = run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + line), truth=None)
+        found.append(few_monitors(stray, "magnetic_field_uT"))
     return found
 
 

@@ -54,7 +54,7 @@ def diagnosed(column: str, law: Law, size_deg_h: float = 0.03, windows: float = 
         level = drawn / np.std(drawn)
         answer = size_deg_h * law(level, run.time_s - run.time_s[0])
         table = run.table.assign(**{column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer})
-        runs.append(few_monitors(run.replace(table=table, truth=None)))
+        runs.append(few_monitors(run.replace(table=table, truth=None), column))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
     return diagnose(fitted, runs[::2], runs[1:2], window_s=windows * Grid.of(runs).window_s, black_box=False)
 

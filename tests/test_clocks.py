@@ -28,7 +28,8 @@ def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism
         of_bias, time_s = run.truth["thermal_polynomial"].to_numpy(), run.time_s
         shown = {name: np.interp(time_s - offset_s, time_s, run.column(name)) for name in monitors}
         table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.interp(time_s - offset_s, time_s, of_bias), **shown})
-        runs.append(few_monitors(rlg.Recording(run.table, run.metadata, name=programme)))
+        seen = [column for mechanism in more for column in mechanism.drivers]
+        runs.append(few_monitors(rlg.Recording(run.table, run.metadata, name=programme), *seen))
         simulated.append(rlg.Recording(table, name=f"simulated-{programme}"))
     return rlg.diagnose(None, runs, simulated=simulated, window_s=360.0, black_box=False)  # by default of 120 s
 

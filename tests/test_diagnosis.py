@@ -102,7 +102,7 @@ def test_amplitudes_that_a_form_has_no_part_of_are_not_stated() -> None:
 
 
 def test_mapping_has_the_keys_of_the_contract() -> None:
-    runs = [few_monitors(run) for run in made({"supply_voltage": {"k_deg_h_V": 0.5}})]
+    runs = [few_monitors(run, "magnetic_field_uT") for run in made({"supply_voltage": {"k_deg_h_V": 0.5}})]
     few: dict[str, Any] = {
         "only": ["supply_voltage", "magnetic_field"],
         "window_s": 3.0 * Grid.of(runs).window_s,

@@ -68,7 +68,8 @@ def test_steps_that_the_simulator_half_absorbs_are_steps() -> None:
         "start 40, hold 40, ramp -10 1, hold 40",
         "start 0, hold 20, ramp 45 1, hold 50",
     )
-    runs = [few_monitors(gyro.simulate(one, seed=k, step_s=20.0, name=f"run{k}")) for k, one in enumerate(programmes)]
+    made = (gyro.simulate(one, seed=k, step_s=20.0, name=f"run{k}") for k, one in enumerate(programmes))
+    runs = [few_monitors(run, "magnetic_field_uT") for run in made]
     for k, (at, size) in enumerate(((148, -0.039), (225, -0.023))):
         runs[k] = stepping(runs[k], at, size)
     known = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}, "temperature_rate", "thermal_gradient"]}

@@ -52,7 +52,7 @@ def diagnosed(column: str, up: Array, down: Array, weights: Array, windows: floa
         pressure = 1000.0 + 20.0 * drawn / np.std(drawn)
         table = run.table.assign(pressure_hPa=pressure, gyro_deg_h=run.rate_deg_h())
         table["gyro_deg_h"] += loop(table[column].to_numpy(), up, down, weights)
-        runs.append(few_monitors(run.replace(table=table, truth=None)))
+        runs.append(few_monitors(run.replace(table=table, truth=None), column))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
     return diagnose(fitted, runs[:2], runs[2:], window_s=windows * Grid.of(runs).window_s, black_box=False)
 

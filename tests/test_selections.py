@@ -35,14 +35,16 @@ def made(voltages: tuple[float, ...], slopes: tuple[float, ...] = (5e-4, 5e-4, 5
         mechanisms += [{"supply_voltage": {"k_deg_h_V": voltage}}] if voltage else []
         noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
         simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": mechanisms, "noise": noise})
-        found.append(few_monitors(simulator.simulate(PROGRAMMES[k], seed=k, step_s=10.0, name=f"run{k}")))
+        run = simulator.simulate(PROGRAMMES[k], seed=k, step_s=10.0, name=f"run{k}")
+        found.append(few_monitors(run, "magnetic_field_uT"))
     return found
 
 
 def further_run() -> rlg.Recording:
     """Without the effect."""
     real = BASELINE | {"noise": {"angle_random_walk_deg_sqrt_h": 5e-4}}
-    return few_monitors(rlg.Simulator.from_mapping(real).simulate(PROGRAMMES[0], seed=9, step_s=10.0, name="further"))
+    run = rlg.Simulator.from_mapping(real).simulate(PROGRAMMES[0], seed=9, step_s=10.0, name="further")
+    return few_monitors(run, "magnetic_field_uT")
 
 
 def diagnosed(*args: Any) -> Diagnosis:

@@ -36,7 +36,8 @@ FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage"
 @functools.cache
 def recordings() -> tuple[rlg.Recording, ...]:
     gyro = rlg.Simulator.from_mapping(SIMULATOR | {"noise": {"angle_random_walk_deg_sqrt_h": 0.0004}})
-    return tuple(few_monitors(gyro.simulate("short", seed=seed, step_s=30.0, name=f"run{seed}")) for seed in (1, 2))
+    runs = (gyro.simulate("short", seed=seed, step_s=30.0, name=f"run{seed}") for seed in (1, 2))
+    return tuple(few_monitors(run, "magnetic_field_uT") for run in runs)
 
 
 def every_other(run: rlg.Recording) -> rlg.Recording:
@@ -213,7 +214,9 @@ class TestCommand:
         """In worker processes, which have to load the file."""
         (tmp_path / "gyro.yaml").write_text(yaml.safe_dump(SIMULATOR))
         write_bellows(tmp_path / "own.py")
-        rlg.write(every_other(recordings()[0]), tmp_path / "run.parquet")
+        run = every_other(recordings()[0])
+        pressure = 1010.0 + 4.0 * np.sin(run.time_s / 1500.0)
+        rlg.write(run.replace(table=run.table.assign(pressure_hPa=pressure)), tmp_path / "run.parquet")
         options = ["--mechanism", "bellows", "--strengths", "3", "--draws", 1, "--jobs", 2, "--json"]
         refused = self.run("sensitivity", tmp_path / "gyro.yaml", tmp_path / "run.parquet", *options)
         assert refused.exit_code == 2

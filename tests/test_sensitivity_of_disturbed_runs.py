@@ -22,7 +22,7 @@ REAL = {
 @pytest.fixture(scope="module")
 def run() -> Recording:
     run = Simulator.from_mapping(REAL).simulate("start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 30", step_s=20.0)
-    return few_monitors(run)
+    return few_monitors(run, "magnetic_field_uT")
 
 
 def test_an_effect_is_injected_and_found(run: Recording) -> None:

@@ -149,7 +149,8 @@ def test_a_stuck_monitor_is_reported_with_its_segments() -> None:
 def test_a_monitor_that_freezes_spoils_no_estimate() -> None:
     voltage = rlg.CATALOGUE["supply_voltage"](k_deg_h_V=0.4)
     base = rlg.Simulator(noise=rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003))
-    runs = [few_monitors(base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0)) for seed in (1, 2)]
+    made = (base.with_mechanism(voltage).simulate("short", seed=seed, step_s=2.0) for seed in (1, 2))
+    runs = [few_monitors(run, "magnetic_field_uT") for run in made]
     stuck = [frozen(one, "supply_voltage_V", slice(2500, None)) for one in runs]
     few = ["supply_voltage", "magnetic_field", "thermal_lag", "warm_up"]
     found = rlg.diagnose(base, train=stuck, only=few, window_s=120.0, black_box=False)

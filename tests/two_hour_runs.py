@@ -23,4 +23,5 @@ REAL = Simulator.from_mapping(
 
 def runs_of(simulator: Simulator, count: int = len(PROGRAMMES)) -> list[Recording]:
     """A run of each of the first programmes."""
-    return [few_monitors(simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}")) for k, p in enumerate(PROGRAMMES[:count])]
+    runs = (simulator.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES[:count]))
+    return [few_monitors(run, "magnetic_field_uT", "pressure_hPa") for run in runs]
