@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from rlgcomp.challenge.sensitivity import sensitivity
 from rlgcomp.physics import CATALOGUE
-from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 from tests.few_monitors import few_monitors
 
@@ -19,23 +16,13 @@ REAL = {
 }
 
 
-@pytest.fixture(scope="module")
-def run() -> Recording:
-    run = Simulator.from_mapping(REAL).simulate("start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 30", step_s=20.0)
-    return few_monitors(run, "magnetic_field_uT")
-
-
-def test_an_effect_is_injected_and_found(run: Recording) -> None:
+def test_an_effect_is_injected_and_found() -> None:
     """The effect that the recording has already is taken into the simulator first."""
+    run = Simulator.from_mapping(REAL).simulate("start 20, hold 20, ramp -20 2, hold 30, ramp 40 2, hold 30", step_s=20.0)
+    run = few_monitors(run, "magnetic_field_uT")
     found = sensitivity(BASELINE, [run], "supply_voltage", strengths=[0.05, 8.0], draws=1, catalogue=FEW)
     weak, strong = found.trials
     assert not weak.named
     assert strong.named
     assert strong.found == ("supply_voltage",)
     assert "challenge.causes_before" in {remark.code for remark in found.remarks}
-
-
-def test_an_effect_that_is_there_is_taken_out_before(run: Recording) -> None:
-    found = sensitivity(BASELINE, [run], "magnetic_field", strengths=[8.0], draws=1, catalogue=FEW)
-    assert [trial.named for trial in found.trials] == [True]
-    assert "challenge.mechanism_before_removed" in {remark.code for remark in found.remarks}
