@@ -385,6 +385,7 @@ def command(folder: Path, *arguments: str) -> Result:
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_what_it_found(folder: Path, tmp_path: Path) -> None:
     files = ("--train", "run0.parquet", "--confirm", "run1.parquet", "--test", "run2.parquet")
     result = command(folder, *files, "--json", "--out", str(tmp_path / "out"))

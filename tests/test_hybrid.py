@@ -296,7 +296,7 @@ def test_a_manifest_whose_physics_is_not_the_models_is_refused(hybrid: rlg.Compe
 
 
 @needs_gcc
-@pytest.mark.parametrize(("name", "kernel"), [*((name, True) for name in SIMULATORS), ("mechanisms", False), ("laws", False)])
+@pytest.mark.parametrize(("name", "kernel"), [*((name, True) for name in SIMULATORS), ("mechanisms", False)])
 def test_every_sample_of_the_c_agrees(
     hybrids: dict[str, rlg.Compensator],
     runs: list[rlg.Recording],
@@ -387,6 +387,7 @@ def test_what_cannot_be_exported_is_refused(
 # --- the command line ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_train_with_a_simulator_file(runs: list[rlg.Recording], tmp_path: Path) -> None:
     files = []
     for k, run in enumerate(runs[:2]):

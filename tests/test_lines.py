@@ -112,6 +112,7 @@ def resonant(run: rlg.Recording, k: int) -> Array:
     return np.asarray(0.02 * found / np.std(found))
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("stray", [smooth, oscillating, resonant])
 def test_what_keeps_its_phase_for_less_than_a_cycle_is_no_line(
     stray: Callable[[rlg.Recording, int], Array], tmp_path: Path

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import string
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from rlgcomp.report.messages import CATALOGUE, ROOMS, Message, message
 PACKAGE = Path(rlgcomp.__file__).parent
 
 
+@functools.cache
 def _calls() -> list[tuple[str, set[str] | None]]:
     """Code and names of data of every call of `message`; None where data are handed on as ``**data``."""
     found = []

@@ -170,6 +170,7 @@ def test_what_an_autopilot_cannot_hold_is_refused(models_of: object, message: st
         TriadCubic.of(models_of(models))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_commands_write_the_files(resting: rlg.Recording, models: list[rlg.Compensator], tmp_path: Path) -> None:
     rlg.write(resting, tmp_path / "rest.parquet")
     runner = CliRunner()

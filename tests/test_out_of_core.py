@@ -87,6 +87,7 @@ def test_estimators_that_do_not_overlap_are_refused() -> None:
         analyse_pieces([], "gyro_z_deg_h")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_reads_large_files_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(rate_table(6000), tmp_path / "run.parquet")
     whole = CliRunner().invoke(app, ["allan", str(path), "--json"])

@@ -15,6 +15,7 @@ from rlgcomp.files import sha256
 from rlgcomp.recording.provenance import provenance, recorded_command
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_artefact_and_the_report_state_version_date_command_and_inputs(
     short_runs: list[rlg.Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
