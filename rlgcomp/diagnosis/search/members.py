@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,7 @@ from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
 from rlgcomp.diagnosis.noise.model import Noise
 
 Array = npt.NDArray[np.float64]
+Grow = Callable[[Form], Iterable[Form]]
 _MANY_FORMS: Final = 8  # of a region whose Gram matrices are made by themselves
 _WIDE: Final = 40  # columns of a form of a law, from which on it waits until narrower ones of the same law come near:
 _NEAR: Final = (40.0, 0.2)  # so many nats, or such a share of what the likeliest form gains, behind that one,
@@ -30,6 +31,7 @@ _SEEN: Final = 2.0  # and so many above none
 _SCREENS: Final = 16  # of all forms under a noise, that are kept
 _EVIDENCES: Final = 40
 _GIVEN: Final = 1_000_000  # numbers in columns of sets that are in the model
+_FURTHER: Final = 20_000  # forms that others grow to, that are kept
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
 _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
@@ -66,11 +68,12 @@ class Members:
         self.noise_log_prior = self.hypotheses.log_prior()
         self._evidences = Recent[Noise, Evidence](_EVIDENCES)
         self._screens = Recent[Noise, Screen](_SCREENS)
+        self._furthers = Recent[tuple[Grow, Form], dict[Form, Form]](_FURTHER, len)
         self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size + len(given.table))
 
     def forget(self) -> None:
         """Forget what can be computed anew."""
-        for kept in (self._evidences, self._screens, self._given):
+        for kept in (self._evidences, self._screens, self._given, self._furthers):
             kept.clear()
         self.bank.forget()
         self.layout.forget()
@@ -204,14 +207,13 @@ class Members:
         seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, narrow, one))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
-    def grown_from(
-        self, first: tuple[float, Member], grow: Callable[[Form], Iterable[Form]], others: Set, noise: Noise
-    ) -> tuple[float, Member]:
+    def grown_from(self, first: tuple[float, Member], grow: Grow, others: Set, noise: Noise) -> tuple[float, Member]:
         """A form with leading bases more, one by one as long as each is worth it."""
         given = self.given(noise, others)
         value, member = self.polished(*first, given)
         while True:
-            more = self.likeliest(given, self._promising(grow(member.form), (*others, member), noise)) or (value, member)
+            promising = self._promising(self._further(grow, member.form), (*others, member), noise)
+            more = self.likeliest(given, promising) or (value, member)
             if more[0] <= value + WORTH_MORE:
                 return self.polished(value, member, given)
             value, member = self.polished(*more, given, last=True)
@@ -256,9 +258,14 @@ class Members:
         """Whether it has one leading column, which has a threshold."""
         return self.switches(form) and sum(self.bank.width(basis) for basis in form.lead) == 1
 
-    def _promising(self, forms: Iterable[Form], members: Set, noise: Noise) -> list[Form]:
+    def _further(self, grow: Grow, form: Form) -> dict[Form, Form]:
+        """What a form grows to, by forms of the further leading basis alone; it is asked for under several noises."""
+        return self._furthers.of(
+            (grow, form), lambda: {dataclasses.replace(one, lead=one.lead[-1:], smooth=(), own=()): one for one in grow(form)}
+        )
+
+    def _promising(self, further: Mapping[Form, Form], members: Set, noise: Noise) -> list[Form]:
         """Of forms with one leading basis more than the last member has, those whose further basis gains most beside it."""
-        further = {dataclasses.replace(form, lead=form.lead[-1:], smooth=(), own=()): form for form in forms}
         possible, table = gains(self.given(noise, members), further)
         at = int(np.argmin(np.abs(priors.SIZES - members[-1].size)))
         return [further[possible[k]] for k in np.argsort(table[:, at])[::-1][:_PROMISING]]
