@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,13 +12,13 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.identities import Identity, identities, without_identities
-from rlgcomp.diagnosis.forms.bases import Basis
+from rlgcomp.diagnosis.forms.bases import Basis, Own
 from rlgcomp.diagnosis.forms.drivers import Driver
 from rlgcomp.diagnosis.forms.terms import Region
 from rlgcomp.diagnosis.next_experiment.laboratory import thermometer_of
 from rlgcomp.diagnosis.prepare import SIMULATED, Prepared
-from rlgcomp.diagnosis.regions.baseline import Baseline
-from rlgcomp.diagnosis.regions.chamber import named, own_bases
+from rlgcomp.diagnosis.regions.baseline import Baseline, independent
+from rlgcomp.diagnosis.regions.chamber import OTHER_FORM, named, own_bases
 from rlgcomp.diagnosis.regions.clocks import clock_regions
 from rlgcomp.diagnosis.regions.monitors import laws
 from rlgcomp.diagnosis.regions.nuisances import nuisances
@@ -31,6 +31,7 @@ from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording, rate_name
 
 Array = npt.NDArray[np.float64]
+_OWN: Final = 1e-9  # of a law's square, which the very law of a mechanism leaves beside itself
 
 
 class Question(NamedTuple):
@@ -120,14 +121,43 @@ class Case:
         else:
             setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
             present = [mechanism.name for mechanism in simulator.mechanisms]
-            baseline = baseline.with_own(own_bases(setting, present), data, beside)
+            own = own_bases(setting, present)
+            baseline = baseline.with_own(own, data, beside)
             regions = list(named(setting, self.candidates, present))
             regions += list(laws(setting, regions))
         data = baseline.less_stated(data)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
+        if not self.turns:
+            regions = list(_without_own_laws(regions, bank, baseline, own))
         regions = without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data))
         return Question(bank, regions, baseline)
+
+
+def _without_own_laws(
+    regions: Iterable[Region], bank: Bank, baseline: Baseline, own: Sequence[Mapping[str, Basis]]
+) -> Iterator[Region]:
+    """Other forms of the simulator's mechanisms without the very law of each, which is no other form.
+
+    Where it is stated, its number is wrong (:func:`~rlgcomp.diagnosis.regions.nuisances.nuisances`); a rate of change over another
+    window is of the simulator's own amplitude, and its window is chosen with the simulator.
+    """
+    mechanisms = {mechanism.name: mechanism for mechanism in baseline.simulator.mechanisms}
+    for region in regions:
+        if region.key.startswith(OTHER_FORM) and region.mechanism in mechanisms:
+            bases = [Own(mechanisms[region.mechanism]), *(found[region.mechanism] for found in own if region.mechanism in found)]
+            law = independent(np.hstack([bank.design, *(bank.columns(basis) for basis in bases)]))
+            forms = tuple(form for form in region.forms if not any(_is_within(law, bank.columns(basis)) for basis in form.lead))
+            if forms:
+                yield dataclasses.replace(region, forms=forms)
+        else:
+            yield region
+
+
+def _is_within(law: Array, columns: Array) -> bool:
+    """Whether columns are combinations of orthonormal ones, shape (n, k) and (n, p)."""
+    left = columns - law @ (law.T @ columns)
+    return bool(np.sum(left**2) <= _OWN * np.sum(columns**2))
 
 
 def bases_of(regions: Iterable[Region]) -> list[Basis]:

@@ -51,7 +51,7 @@ class Choice:
         messages += [one.message() for one in case.identities(first.bank.data)]
         begun = _begun(case, first, recordings)
         found, question = _settled(case, begun, recordings)
-        if _other_forms(found.best) and _calibrates(case, found.best):
+        if _other_forms(found.best) and _calibrates(case, question.baseline, found.best):
             plain, other = _settled(case, begun, recordings, other_forms=False)
             if plain.best.log_posterior > found.best.log_posterior:
                 found, question = _settled(case, other, recordings)
@@ -116,15 +116,20 @@ def _beside(case: Case, state: State, question: Question, recordings: Sequence[R
     a member of the set may stand for what their derivatives do not reach. Beside an amplitude that is stated wrong, or beside
     jumps, they have met that as well; and another form of the same mechanism may stand for all of it.
     """
-    if not _calibrates(case, state):
+    if not _calibrates(case, question.baseline, state):
         return None
     again = case.question(recordings, columns_beside(state, question.bank), wrong_amplitudes(state))
-    return None if again.baseline.simulator == question.baseline.simulator else again
+    before, now = question.baseline, again.baseline
+    return None if (now.simulator, now.own) == (before.simulator, before.own) else again
 
 
-def _calibrates(case: Case, state: State) -> bool:
-    """Whether shapes of the simulator are free, and something is beside it."""
-    return _has_free_shapes(case) and bool(state.members or state.process)
+def _calibrates(case: Case, baseline: Baseline, state: State) -> bool:
+    """Whether something is beside a simulator whose shapes are free, or the window of its rate of change."""
+    return (_has_free_shapes(case) or bool(baseline.own)) and _has_effects(state)
+
+
+def _has_effects(state: State) -> bool:
+    return bool(state.members or state.process)
 
 
 def _has_free_shapes(case: Case) -> bool:
@@ -135,7 +140,7 @@ def _has_free_shapes(case: Case) -> bool:
 def calibrated_last(case: Case, state: State, baseline: Baseline, data: Data) -> tuple[State, Baseline]:
     """A set and the simulator with free shapes where they are beside the set, near where their derivatives end."""
     baseline = baseline.linearised(data)
-    if not _calibrates(case, state):
+    if not (_has_free_shapes(case) and _has_effects(state)):
         return state, baseline
     bank = Bank(baseline.less_stated(data), baseline.design(data), baseline)
     beside = columns_beside(in_training(state, bank), bank)

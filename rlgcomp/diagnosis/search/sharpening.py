@@ -82,7 +82,8 @@ class Sharpening(States):
         self, alike: Callable[[Form], Iterable[Form]], best: tuple[float, Member], given: Conditional
     ) -> tuple[float, Member]:
         """A form with what was before the runs explained alike for all of its members, where that is likelier."""
-        own, *others = [self.best(given, form) for form in alike(best[1].form)] or [best]
+        forms = [form for form in alike(best[1].form) if self.bank.scaled(form) is not None]  # some never switch in these runs
+        own, *others = [self.best(given, form) for form in forms] or [best]
         for start in sorted(others, key=lambda one: one[0], reverse=True)[:_HISTORIES]:
             found = self.polished(*start, given, finest=True)
             own = found if found[0] > own[0] else own
