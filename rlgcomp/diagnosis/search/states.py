@@ -345,8 +345,9 @@ class States(Members):
         noise : Noise
         """
         grown = [one for one in (*again, *fresh) if self.of_thresholds(one[1].form)] or [*again, *fresh]
-        found = max(grown, key=lambda one: one[0])
-        anew = (region.key not in self._looked_for or not others) and self._near_the_top((*others, found[1]), noise)
+        found, likeliest = (max(some, key=lambda one: one[0]) for some in (grown, (*again, *fresh)))
+        anew = found is likeliest and (region.key not in self._looked_for or not others)
+        anew = anew and self._near_the_top((*others, found[1]), noise)
         if anew:
             found = self.looked_for_anew(region, found, others, noise)
             self._looked_for.add(region.key)
