@@ -50,7 +50,7 @@ def names(found: Diagnosis) -> list[str]:
 
 
 def test_a_rate_that_the_simulator_has_is_not_found_again_over_another_window() -> None:
-    """What is missing decides over which window a coarse thermometer's rate is taken: before it is known, another one is likelier."""
+    """What is missing decides over which window a coarse thermometer's rate is taken: another one is likelier before."""
     found = asked(made(coarse_K=0.15, of_rate=0.2, of_supply=2.0), "temperature_rate")
     assert names(found) == ["supply_voltage"]
     assert found.verdict == "explained"
