@@ -47,6 +47,8 @@ class Cause:
         Of the mechanism; of a law without a name, its region.
     named : bool
         Whether a mechanism has this name.
+    of_simulator : bool
+        The simulator has this mechanism, and another form of it is found.
     probability : float
     parameters : mapping of str to Estimate
         What the runs determine of them.
@@ -102,6 +104,7 @@ class Cause:
     rival_probabilities: tuple[float, ...] = ()
     perhaps_nothing: float = 0.0
     mechanism: type[Mechanism] | None = None
+    of_simulator: bool = False
     runs: Mapping[str, float] = dataclasses.field(default_factory=dict)
     opposite_in: tuple[str, ...] = ()
     has_mean: bool = False
@@ -172,6 +175,7 @@ class Cause:
             "function": {} if self.function is None else self.function.to_mapping(self.unit),
             "drivers": list(self.drivers),
             "memory": self.memory,
+            **({"other_form": True} if self.of_simulator else {}),
             "rms": {"value": self.rms, "unit": self.unit},
             **({"rms_by_run": {name: {"value": rms, "unit": self.unit} for name, rms in self.runs.items()}} if self.runs else {}),
             "indistinguishable_from": list(self.indistinguishable_from),
@@ -193,6 +197,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         "rival_probabilities": tuple(min(rivals.get(name, 0.0), 1.0) for name in one.indistinguishable_from),
         "perhaps_nothing": one.perhaps_nothing,
         "mechanism": None if one.mechanism is None else catalogue.get(one.mechanism),
+        "of_simulator": one.mechanism not in (None, one.region),
     }
     if one.region not in members:
         return _telegraph(fit, common)

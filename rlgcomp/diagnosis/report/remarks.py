@@ -74,6 +74,7 @@ def _cause(one: Cause) -> dict[str, Any]:
         "probability": one.probability,
         "instead": one.indistinguishable_from,
         "perhaps_nothing": one.perhaps_nothing,
+        **({"other_form": True} if one.of_simulator else {}),
     } | _in_runs(one)
 
 

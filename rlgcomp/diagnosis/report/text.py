@@ -101,7 +101,7 @@ def member_rows(record: Record) -> list[list[str]]:
     """What is named: probability, size, drivers, parameters, what may stand in its place; a slow error last."""
     rows = [
         [
-            one.name if one.named else f"a law ({MEMORIES[one.memory]})",
+            region_words(f"form:{one.name}" if one.of_simulator else one.name) if one.named else f"a law ({MEMORIES[one.memory]})",
             probability_text(one.probability),
             f"{one.rms:.3g} {typeset(record.unit)}",
             followed(one),

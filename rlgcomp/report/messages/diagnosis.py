@@ -29,7 +29,8 @@ def _words(names: Sequence[str], joined: str = "and") -> str:
 def _cause(cause: Mapping[str, Any]) -> str:
     instead = [*map(region_words, cause["instead"]), *(["nothing"] if cause["perhaps_nothing"] else [])]
     either = f" or, in its place, {listing(instead, 'or')}" if instead else ""
-    return f"{cause['mechanism']}{either} (probability {probability_text(cause['probability'])}{_in_runs(cause)})"
+    name = region_words(f"form:{cause['mechanism']}") if cause.get("other_form") else cause["mechanism"]
+    return f"{name}{either} (probability {probability_text(cause['probability'])}{_in_runs(cause)})"
 
 
 def _in_runs(cause: Mapping[str, Any]) -> str:
