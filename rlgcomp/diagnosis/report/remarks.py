@@ -29,7 +29,7 @@ from rlgcomp.report.messages.consequence import by_consequence
 from rlgcomp.units import display_unit
 
 _POSSIBLE: Final = 0.05  # probability that nothing is missing from which that is told beside a finding
-_AS_LIKELY: Final = 0.5  # probability that nothing is missing, below which something probably is
+_RATHER_SURE: Final = 0.8  # probability that nothing is missing, below which the headline says that something may be
 _UNCERTAIN: Final = 0.8  # of the set, below which the next one is told
 _BEYOND: Final = 0.05  # of a driver's range, by which a test run goes beyond it,
 _LASTING: Final = 0.01  # of its windows at least
@@ -49,7 +49,7 @@ def headline(record: Record) -> Message:
     """The verdict with what is named."""
     causes = [_cause(one) for one in record.causes]
     simulator, slow = record.request.simulator, _slow_error(record)
-    if record.verdict == "none" and record.healthy < _AS_LIKELY:
+    if record.verdict == "none" and record.healthy < _RATHER_SURE:
         return message("diagnosis.nothing_named", simulator=simulator, probability=record.healthy)
     if record.verdict == "none":
         return message("diagnosis.nothing_missing", simulator=simulator, probability=record.healthy, p_value=record.p_value)
