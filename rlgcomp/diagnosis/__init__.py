@@ -1,7 +1,7 @@
 """Diagnosis on one model: terms are driver × memory × form × selection, compared by one evidence.
 
-docs/diagnosis.md has the equation, the parts of the model and their priors. A recording goes through the rooms from top to
-bottom: prepare and case call the others in the order of diagnose.
+docs/diagnosis.md has the equation, the parts of the model and their priors. To follow a recording begin at the end: `diagnose`
+calls prepare, case and choice, which search, and then answer, equations and report.
 
 Rooms and modules, each importing only from those before it (`tests/test_architecture.py`); a room's own list is in its docstring:
 

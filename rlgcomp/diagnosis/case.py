@@ -117,7 +117,7 @@ class Case:
         baseline = Baseline.calibrated(simulator, data, beside, wrong)
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
-            data = with_angle_rows(data, bases_of(regions), self.output)
+            data, own = with_angle_rows(data, bases_of(regions), self.output), []
         else:
             setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
             present = [mechanism.name for mechanism in simulator.mechanisms]
@@ -128,8 +128,7 @@ class Case:
         data = baseline.less_stated(data)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
         clocks = clock_regions(data, bank.design, SIMULATED) if self.runs.untold and not self.turns else ()
-        if not self.turns:
-            regions = list(_without_own_laws(regions, bank, baseline, own))
+        regions = list(_without_own_laws(regions, bank, baseline, own))
         regions = without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data))
         return Question(bank, regions, baseline)
 

@@ -336,6 +336,8 @@ class States(Members):
     ) -> Member:
         """The likeliest that has grown from one threshold; alone, or once its set may become the likeliest, looked for anew.
 
+        Where something else of the region is likelier, a sum of relays stands in for that, and would not end.
+
         Parameters
         ----------
         region : Region
