@@ -54,9 +54,7 @@ PUBLIC_NAMES = (  # what scripts of users rely on
     "calibrate_turntable", "diagnose", "evaluate", "fit_coefficients", "load", "overlapping_deviation", "read", "recording",
     "simulated_unit", "write",
 )  # fmt: skip
-ROOMS_OF_DIAGNOSIS = sorted(
-    module.name for module in pkgutil.iter_modules([str(PACKAGE / "diagnosis")]) if module.ispkg and module.name != "simulators"
-)
+ROOMS_OF_DIAGNOSIS = sorted(module.name for module in pkgutil.iter_modules([str(PACKAGE / "diagnosis")]) if module.ispkg)
 MODULES = sorted(module.name for module in pkgutil.walk_packages([str(PACKAGE)], "rlgcomp."))
 
 

@@ -61,6 +61,9 @@ def test_a_stated_number_that_is_wrong_is_no_other_form_of_its_mechanism() -> No
     found = asked(made(of_field=0.03, of_supply=0.2), {"magnetic_field": {"k_deg_h_uT": 0.02}})
     assert names(found) == ["supply_voltage"]
     assert found.recalibration["magnetic_field"]["k_deg_h_uT"].value > 0.025
+    others = {form.equation for form in found.posterior.regions["form:magnetic_field"].forms}
+    assert others
+    assert "b = k (magnetic_field_uT)" not in others
 
 
 def test_another_form_of_what_the_simulator_has_is_said_as_that() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -18,12 +18,11 @@ from rlgcomp.diagnosis.evidence.recent import Recent
 from rlgcomp.diagnosis.evidence.screen import Layout, Screen
 from rlgcomp.diagnosis.evidence.variants import gains
 from rlgcomp.diagnosis.forms.memories import Relays
-from rlgcomp.diagnosis.forms.terms import Form, Region
+from rlgcomp.diagnosis.forms.terms import Form, Others, Region
 from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
 from rlgcomp.diagnosis.noise.model import Noise
 
 Array = npt.NDArray[np.float64]
-Grow = Callable[[Form], Iterable[Form]]
 _MANY_FORMS: Final = 8  # of a region whose Gram matrices are made by themselves
 _WIDE: Final = 40  # columns of a form of a law, from which on it waits until narrower ones of the same law come near:
 _NEAR: Final = (40.0, 0.2)  # so many nats, or such a share of what the likeliest form gains, behind that one,
@@ -68,7 +67,7 @@ class Members:
         self.noise_log_prior = self.hypotheses.log_prior()
         self._evidences = Recent[Noise, Evidence](_EVIDENCES)
         self._screens = Recent[Noise, Screen](_SCREENS)
-        self._furthers = Recent[tuple[Grow, Form], dict[Form, Form]](_FURTHER, len)
+        self._furthers = Recent[tuple[Others, Form], dict[Form, Form]](_FURTHER, len)
         self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size + len(given.table))
 
     def forget(self) -> None:
@@ -207,7 +206,7 @@ class Members:
         seeds = (self.best_of_region(region, given, noise, wanted) for wanted in (can, narrow, one))
         return list({seed[1].form: seed for seed in seeds if seed is not None}.values())
 
-    def grown_from(self, first: tuple[float, Member], grow: Grow, others: Set, noise: Noise) -> tuple[float, Member]:
+    def grown_from(self, first: tuple[float, Member], grow: Others, others: Set, noise: Noise) -> tuple[float, Member]:
         """A form with leading bases more, one by one as long as each is worth it."""
         given = self.given(noise, others)
         value, member = self.polished(*first, given)
@@ -258,7 +257,7 @@ class Members:
         """Whether it has one leading column, which has a threshold."""
         return self.switches(form) and sum(self.bank.width(basis) for basis in form.lead) == 1
 
-    def _further(self, grow: Grow, form: Form) -> dict[Form, Form]:
+    def _further(self, grow: Others, form: Form) -> dict[Form, Form]:
         """What a form grows to, by forms of the further leading basis alone; it is asked for under several noises."""
         return self._furthers.of(
             (grow, form), lambda: {dataclasses.replace(one, lead=one.lead[-1:], smooth=(), own=()): one for one in grow(form)}
