@@ -56,6 +56,8 @@ record, and whoever mounts it would see that."""
 LATE_MONITOR: Final = (0.03, 3.0)
 """The same of another column: a capacitive humidity sensor answers within 8 to 60 s, an electrochemical cell or a barometer at the
 end of a hose within minutes, and no mechanism has the rate of change of such a column for its own."""
+PHASES: Final = (0.1, 0.3, 1.0, 3.0, 10.0)
+"""How far the phase of a source of a period strays in a run, radians, each as likely: from a crystal's to a free motor's."""
 DISCREPANCY: Final = 0.12
 """Departure of a law from its equation over its own size: equations of the literature, fitted to other laws of the same cause,
 leave 5 to 20 per cent."""

@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.closed_form import Member
 from rlgcomp.diagnosis.evidence.screen import Layout
 from rlgcomp.diagnosis.forms.terms import WANDER, Region
-from rlgcomp.diagnosis.regions.waves import as_wander, wanders_about
+from rlgcomp.diagnosis.regions.waves import as_wander, strays
 from rlgcomp.diagnosis.search.beam import Search
 from rlgcomp.diagnosis.search.states import Key, State
 from rlgcomp.numerics.robust import LEAST_P_VALUE
@@ -211,7 +211,7 @@ def _without_wide_lines(search: Search) -> list[State]:
 
 
 def _with_wide_lines_as_wanders(search: Search, state: State) -> State:
-    if not any(wanders_about(member.form) for member in state.members):
+    if not any(strays(member.form) for member in state.members):
         return state
     bank, evidence = search.bank, search.evidence(state.noise)
     left = evidence.whitened.adjoint(evidence.given(state.members).residual()[:, None])[:, 0]

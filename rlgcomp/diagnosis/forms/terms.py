@@ -107,6 +107,8 @@ class Region:
         One of the region's forms of one leading basis with those of another region's form in its place; None as above.
     rougher : callable, optional
         A form with departures that are too many to be screened; None where it has none.
+    renew : callable, optional
+        Forms linear about what weights of its first leading basis show, in place of one that is so about something else.
     one_history : callable, optional
         A form at its prior, and forms that explain alike what was before the runs: tried in the set that predicts alone.
     propose : callable, optional
@@ -128,6 +130,7 @@ class Region:
     absorb: Joined | None = None
     adopt: Joined | None = None
     rougher: Callable[[Form], Form | None] | None = None
+    renew: Callable[[Form, Array], Iterable[Form]] | None = None
     one_history: Others | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False

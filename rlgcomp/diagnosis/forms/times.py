@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -17,6 +18,8 @@ from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
 _PER_KNOT: Final = 16  # points of time, at which a wave's envelope is evaluated
+_RIDGE: Final = 1e-3  # of the phase of an envelope
+_FARTHEST_STEP: Final = 1.0  # of a weight of a course, radians
 _EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
 
 
@@ -123,8 +126,7 @@ class Modulated(Basis):
 
     def columns(self, run: Run) -> Array:
         time = 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0
-        slow = gaussian_process(time, self.width, self.knots)
-        return (self.wave.columns(run)[:, :, None] * slow[:, None, :]).reshape(run.bins, -1)
+        return (self.wave.columns(run)[:, :, None] * self._slow(time)[:, None, :]).reshape(run.bins, -1)
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         return tuple(dataclasses.replace(self, wave=wave) for wave in self.wave.nearby(step))
@@ -132,31 +134,35 @@ class Modulated(Basis):
     def parameters(self) -> dict[str, float]:
         return self.wave.parameters()
 
-    def envelope(self, weights: Array) -> npt.NDArray[np.complex128]:
+    def envelope(self, weights: Array, run: str = "") -> npt.NDArray[np.complex128]:
         """Its complex amplitude at even places of a run, of weights of shape (..., 2 knots)."""
+        del run
         cosine, sine = np.moveaxis(weights.reshape(*weights.shape[:-1], 2, self.knots), -2, 0)
-        time = np.linspace(-1.0, 1.0, _PER_KNOT * self.knots)
-        return np.asarray((cosine - 1j * sine) @ gaussian_process(time, self.width, self.knots).T)
+        return np.asarray((cosine - 1j * sine) @ self._slow(_places(self.knots)).T)
 
-    def moments(self, weights: Array, seconds: float) -> Array:
-        """Of its power in a run: integral, mean and mean square of the frequency less the wave's own, by Parseval's theorem.
+    def _slow(self, time: Array) -> Array:
+        return gaussian_process(time, self.width, self.knots)
 
-        Parameters
-        ----------
-        weights : ndarray, shape (..., 2 knots)
-        seconds : float
-            Length of the run.
 
-        Returns
-        -------
-        ndarray, shape (..., 3)
-            The latter two times the integral, in hertz and its square.
-        """
-        envelope = self.envelope(weights)
-        step = seconds / (envelope.shape[-1] - 1.0)
-        slope = np.gradient(envelope, step, axis=-1) / (2.0 * math.pi)
-        powers = np.abs(envelope) ** 2, np.imag(np.conj(envelope) * slope), np.abs(slope) ** 2
-        return np.stack([step * power.sum(axis=-1) for power in powers], axis=-1)
+def moments(envelope: npt.NDArray[np.complex128], seconds: float) -> Array:
+    """Of the power of a complex amplitude in a run: integral, mean and mean square of its frequency, by Parseval's theorem.
+
+    Parameters
+    ----------
+    envelope : ndarray, shape (..., places)
+        At even places.
+    seconds : float
+        Length of the run.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        The latter two times the integral, in hertz and its square.
+    """
+    step = seconds / (envelope.shape[-1] - 1.0)
+    slope = np.gradient(envelope, step, axis=-1) / (2.0 * math.pi)
+    powers = np.abs(envelope) ** 2, np.imag(np.conj(envelope) * slope), np.abs(slope) ** 2
+    return np.stack([step * power.sum(axis=-1) for power in powers], axis=-1)
 
 
 def mean_and_width(moments: Array) -> tuple[Array, Array]:
@@ -173,6 +179,116 @@ class Wide(Modulated):
     def nearby(self, step: float) -> tuple[Self, ...]:
         del step
         return ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Straying(Basis):
+    r"""A wave of a steady amplitude whose phase strays, linear about a course of its phase in each run.
+
+    With T the turn along the course and :math:`g_k` a Gaussian process of the time in a run,
+    :math:`A \cos(T + \sum_k \delta_k g_k) \approx A \cos T - A \sin T \sum_k \delta_k g_k`. It has weights for the amplitude
+    and a constant of the phase, and for each :math:`\delta_k / \sigma`.
+
+    Parameters
+    ----------
+    wave : Wave
+    courses : tuple of (str, tuple of float)
+        By run: a constant of the phase and its weights along the Gaussian process, in radians.
+    spread : float
+        Standard deviation of those by their prior, sigma.
+    """
+
+    wave: Wave
+    courses: tuple[tuple[str, tuple[float, ...]], ...]
+    spread: float
+
+    @classmethod
+    def of(cls, modulated: Modulated, envelopes: Mapping[str, npt.NDArray[np.complex128]]) -> Self:
+        """About the phases of a modulated wave in each run."""
+        return cls._about(
+            modulated.wave, {run: _course(np.unwrap(np.angle(one)), modulated.knots) for run, one in envelopes.items()}
+        )
+
+    @classmethod
+    def _about(cls, wave: Wave, courses: Mapping[str, Array]) -> Self:
+        size = math.sqrt(float(np.mean([np.mean(course[1:] ** 2) for course in courses.values()])))
+        spread = min(priors.PHASES, key=lambda one: abs(math.log(max(size, priors.PHASES[0]) / one)))
+        return cls(wave, tuple((run, tuple(course.tolist())) for run, course in courses.items()), spread)
+
+    def finer(self, knots: int) -> Self:
+        """About the same courses along more knots."""
+        along = _course_columns(self.knots, _places(self.knots))
+        return self._about(self.wave, {run: _course(along @ np.array(course), knots) for run, course in self.courses})
+
+    @property
+    def knots(self) -> int:
+        return len(self.courses[0][1]) - 1
+
+    @property
+    def log_prior(self) -> float:
+        """Of its courses, over that of none: the weights about them have a prior about zero."""
+        return -0.5 * sum(weight**2 for _, course in self.courses for weight in course[1:]) / self.spread**2
+
+    def turn(self, run: Run) -> Array:
+        """In radians; straight in a run without a course."""
+        along = _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)
+        straight = 2.0 * math.pi * self.wave.frequency_hz * run.elapsed_s
+        return np.asarray(straight + along @ np.array(dict(self.courses).get(run.name, np.zeros(self.knots + 1))))
+
+    def columns(self, run: Run) -> Array:
+        turn = self.turn(run)
+        slow = _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)[:, 1:]
+        return np.column_stack([np.cos(turn), np.sin(turn), -self.spread * np.sin(turn)[:, None] * slow])
+
+    def renewed(self, weights: Array) -> Self:
+        """About the courses that weights show, shape (runs, 2 + knots), or what is in proportion to them: a Gauss-Newton step."""
+        courses = {}
+        for (run, course), (cosine, sine, *others) in zip(self.courses, weights, strict=True):
+            found = np.array(course)
+            found[0] -= math.atan2(sine, cosine)
+            if abs(sine) < abs(cosine):
+                step = self.spread * np.array(others) / cosine
+                found[1:] += step * min(1.0, _FARTHEST_STEP / max(float(np.abs(step).max()), 1e-300))
+            courses[run] = found
+        return self._about(self.wave, courses)
+
+    def envelope(self, weights: Array, run: str) -> npt.NDArray[np.complex128]:
+        """Its complex amplitude at even places of a run, of weights of shape (..., 2 + knots)."""
+        along = _course_columns(self.knots, _places(self.knots))
+        stray = (self.spread * weights[..., 2:] / weights[..., :1]) @ along[:, 1:].T
+        course = along @ np.array(dict(self.courses)[run])
+        return np.asarray((weights[..., :1] - 1j * weights[..., 1:2]) * np.exp(1j * (course + stray)))
+
+    def parameters(self) -> dict[str, float]:
+        return self.wave.parameters()
+
+
+@dataclasses.dataclass(frozen=True)
+class Overtone(Basis):
+    """Cosine and sine of a harmonic of a wave whose phase strays: it strays by as many times as much."""
+
+    of: Straying
+    order: int
+
+    def columns(self, run: Run) -> Array:
+        turn = self.order * self.of.turn(run)
+        return np.column_stack([np.cos(turn), np.sin(turn)]) * (run.name in dict(self.of.courses))
+
+
+def _places(knots: int) -> Array:
+    return np.linspace(-1.0, 1.0, _PER_KNOT * knots)
+
+
+def _course(phase: Array, knots: int) -> Array:
+    """Weights of a phase at even places of a run, in radians."""
+    design = _course_columns(knots, np.linspace(-1.0, 1.0, len(phase)))
+    ridge = np.diag([0.0, *np.full(knots, _RIDGE)])
+    return np.asarray(np.linalg.solve(design.T @ design + ridge, design.T @ phase))
+
+
+def _course_columns(knots: int, time: Array) -> Array:
+    """One, and a Gaussian process of the time in a run, which is -1 to 1."""
+    return np.column_stack([np.ones(len(time)), gaussian_process(time, 2.0 / knots, knots)])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -33,7 +33,7 @@ from rlgcomp.diagnosis.regions.monitors import monitor
 from rlgcomp.diagnosis.regions.setting import Setting
 from rlgcomp.diagnosis.regions.switch_on import ageing, warm_up
 from rlgcomp.diagnosis.regions.thermal import gradients, lags, more_lags, rate, rate_magnitude, static
-from rlgcomp.diagnosis.regions.waves import harmonics, lines, wanders
+from rlgcomp.diagnosis.regions.waves import harmonics, lines, steadied, wanders
 from rlgcomp.physics.mechanism import TEMPERATURE, Mechanism
 
 _NAMED: Final = math.log(priors.NAMED_ODDS)
@@ -103,7 +103,7 @@ def named(setting: Setting, catalogue: Mapping[str, type[Mechanism]], present: S
             continue
         key, log_odds = (f"{OTHER_FORM}{name}", _LAW) if name in present else (name, _NAMED)
         if _has_frequency(mechanism):
-            yield Region(key, name, log_odds, (), (), "none", harmonics(setting), propose=lines(setting, key))
+            yield Region(key, name, log_odds, (), (), "none", harmonics(setting), propose=lines(setting, key), renew=steadied)
         elif name in _FAMILIES:
             families = _FAMILIES[name]
             if families.memory == "none" or setting.has_thermometer:

@@ -15,11 +15,12 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.forms.bases import Basis, EachRun
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.terms import WANDER, Form
-from rlgcomp.diagnosis.forms.times import Following, Modulated, Wave, Wide, mean_and_width
+from rlgcomp.diagnosis.forms.times import Following, Modulated, Overtone, Straying, Wave, Wide, mean_and_width, moments
 from rlgcomp.diagnosis.regions.selections import OnlyIn
 from rlgcomp.diagnosis.regions.setting import Setting
 
@@ -28,11 +29,15 @@ _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
 _PEAKS: Final = 2
 _HARMONICS: Final = 5
 _MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency wanders
+_FINER, _FINEST = 1.6, 42  # knots of a phase over those before, and the most
 _MOST_KNOTS: Final = 24  # of a harmonic
 _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
 _QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
 _FORGETFUL: Final = 0.1  # standard deviation of its spectrum over its frequency: its phase is forgotten within two cycles
+_NO_PERIOD: Final = 0.35  # the same of what has none, steady as its amplitude may be: it is forgotten within half a cycle
 _UNSTEADY: Final = 1.4  # mean square of its power over the square of the mean: one of a steady amplitude, two of Gaussian noise
+_WANDERING: Final = "b = wave of a frequency that wanders about frequency_hz"
+_STRAYING: Final = "b = wave of a steady amplitude, whose frequency wanders about frequency_hz"
 _WANDER: Final = "b = smooth function of the time in each run"
 
 
@@ -132,10 +137,10 @@ def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[
         phase = "of a phase in each run" if each else "of one phase"
         return Form(key, f"b = wave of frequency_hz, {phase}", (first,), (), own, waves.log_share)
 
-    def wandering(place: float, knots: int) -> Form:
-        equation = "b = wave of a frequency that wanders about frequency_hz"
+    def wandering(place: float, knots: int) -> Iterator[Form]:
         steady = EachRun(waves.one(place), waves.names)
-        return Form(key, equation, (waves.modulated(place, knots),), tuple(one(steady) for one in _HIGHER), (), waves.log_share)
+        for own in (tuple(one(steady) for one in _HIGHER), ()):
+            yield Form(key, _WANDERING, (waves.modulated(place, knots),), own, (), waves.log_share - math.log(2.0))
 
     def following(place: float, by: Path) -> Form:
         equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
@@ -147,7 +152,7 @@ def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[
         for each in (False, True):
             for place in waves.peaks(residual, each):
                 found += [forms(place + shift, each) for shift in (-0.5, 0.0, 0.5)]
-                found += [wandering(place, knots) for knots in _MODULATIONS if each and _is_line(place, knots)]
+                found += [form for knots in _MODULATIONS if each and _is_line(place, knots) for form in wandering(place, knots)]
                 found += [following(place, by) for by in columns if not each]
         return tuple(found)
 
@@ -160,23 +165,52 @@ def harmonics(setting: Setting) -> Callable[[Form], Iterator[Form]]:
 
     def grow(form: Form) -> Iterator[Form]:
         first = form.lead[0]
-        if not isinstance(first, EachRun) or not isinstance(first.basis, Modulated):
+        if not isinstance(first, EachRun) or not isinstance(first.basis, Modulated | Straying):
             return
         wave, knots = first.basis.wave, first.basis.knots
         for order in range(2, _HARMONICS + 2):
             harmonic = dataclasses.replace(wave, frequency_hz=order * wave.frequency_hz)
-            basis = EachRun(Wide(harmonic, min(order * knots, _MOST_KNOTS)), first.runs)
+            basis: Basis = EachRun(Wide(harmonic, min(order * knots, _MOST_KNOTS)), first.runs)
+            if isinstance(first.basis, Straying):
+                basis = Overtone(first.basis, order)
             if basis not in form.lead and harmonic.frequency_hz < highest_hz:
                 yield dataclasses.replace(form, lead=(*form.lead, basis))
 
     return grow
 
 
-def wanders_about(form: Form) -> Modulated | None:
+def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[Form]:
+    """A line whose frequency wanders as one of a steady amplitude, about the courses of its phase; none of any other form.
+
+    Parameters
+    ----------
+    form : Form
+    weights : ndarray, shape (m,)
+        Of its first leading basis, or in proportion to them.
+    """
+    first = form.lead[0]
+    if not isinstance(first, EachRun) or not isinstance(first.basis, Modulated | Straying):
+        return
+    of_runs = weights.reshape(len(first.runs), -1)
+    if isinstance(first.basis, Straying):
+        known, straying = first.basis.log_prior, first.basis.renewed(of_runs)
+    else:
+        phases = {run: first.basis.envelope(own) for run, own in zip(first.runs, of_runs, strict=True)}
+        known, straying = math.log(len(priors.PHASES)), Straying.of(first.basis, phases)
+    more = round(_FINER * straying.knots)
+    for one in (straying, straying.finer(more)) if more <= _FINEST else (straying,):
+        lead = (EachRun(one, first.runs), *(Overtone(one, basis.order) for basis in form.lead[1:] if isinstance(basis, Overtone)))
+        share = form.log_share + one.log_prior - known
+        for overtones in (), tuple(Overtone(one, order) for order in range(2, _HARMONICS + 1)):
+            smooth = tuple(basis for basis in overtones if basis not in lead)
+            yield dataclasses.replace(form, equation=_STRAYING, lead=lead, smooth=smooth, log_share=share)
+
+
+def strays(form: Form) -> Modulated | Straying | None:
     """The wave of a line whose frequency wanders; None of any other form."""
     first = form.lead[0]
     basis = first.basis if isinstance(first, EachRun) else None
-    return basis if isinstance(basis, Modulated) and not isinstance(basis, Wide) else None
+    return basis if isinstance(basis, Modulated | Straying) and not isinstance(basis, Wide) else None
 
 
 def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | None:
@@ -191,17 +225,19 @@ def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | N
         Of its first leading basis, or in proportion to them.
     data : Data
     """
-    wave, first = wanders_about(form), form.lead[0]
+    wave, first = strays(form), form.lead[0]
     if wave is None or not isinstance(first, EachRun):
         return None
     seconds = {run.name: float(run.elapsed_s[-1]) for run in data.runs}
-    of_runs = weights.reshape(len(first.runs), -1)
-    moments = [wave.moments(own, seconds[name]) for own, name in zip(of_runs, first.runs, strict=True) if name in seconds]
-    mean, width = mean_and_width(np.array(moments))
-    power = np.abs(wave.envelope(of_runs)) ** 2
-    if width < _FORGETFUL * (wave.wave.frequency_hz + mean) or np.mean(power**2) < _UNSTEADY * np.mean(power) ** 2:
+    envelopes = [wave.envelope(own, run) for own, run in zip(weights.reshape(len(first.runs), -1), first.runs, strict=True)]
+    found = [moments(one, seconds[run]) for one, run in zip(envelopes, first.runs, strict=True) if run in seconds]
+    mean, width = mean_and_width(np.array(found))
+    share = width / (wave.wave.frequency_hz + mean)
+    power = np.abs(envelopes) ** 2
+    steady = isinstance(wave, Straying) or np.mean(power**2) < _UNSTEADY * np.mean(power) ** 2
+    if share < (_NO_PERIOD if steady else _FORGETFUL):
         return None
-    wide = EachRun(Wide(wave.wave, wave.knots), first.runs)
+    wide = first if isinstance(wave, Straying) else EachRun(Wide(wave.wave, wave.knots), first.runs)
     return dataclasses.replace(form, region=WANDER, equation=_WANDER, lead=(wide, *form.lead[1:]))
 
 

@@ -168,6 +168,10 @@ class Members:
         i, j = np.unravel_index(int(np.argmax(table)), table.shape)
         return float(table[i, j]), Member(region.forms[places[i]], float(priors.SIZES[j]))
 
+    def likeliest_of(self, region: Region, given: Conditional, noise: Noise) -> tuple[float, Member] | None:
+        """The likeliest form of a region and its size, be they listed or proposed by the residual."""
+        return self.best_of_region(region, given, noise) if region.propose is None else self.proposed(region, given)
+
     def proposed(self, region: Region, given: Conditional) -> tuple[float, Member] | None:
         """The likeliest of what the residual proposes, that of each near equation polished, for lines are far from it before."""
         assert region.propose is not None  # noqa: S101
@@ -288,7 +292,7 @@ class Members:
         least = _COARSE if last or (len(member.form.lead) > _FEW and not finest) else _FINEST
         key = member, last, least
         if key not in given.polished:
-            given.polished[key] = self._moved(value, member, given, last, least)
+            given.polished[key] = self._renewed(*self._moved(value, member, given, last, least), given)
         return given.polished[key]
 
     def _moved(self, value: float, member: Member, given: Conditional, last: bool, least: float) -> tuple[float, Member]:
@@ -299,6 +303,22 @@ class Members:
                 (value, member), moved = better, True
             step *= 0.5
         return value, member
+
+    def _renewed(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
+        """A form that is linear about a course as long as another course is likelier."""
+        region = self.regions.get(member.form.region)
+        while region is not None and region.renew is not None:
+            found = self.likeliest(given, region.renew(member.form, self.leading_weights(member, given)))
+            if found is None or found[0] <= value + WORTH:
+                break
+            value, member = found
+        return value, member
+
+    def leading_weights(self, member: Member, given: Conditional) -> Array:
+        """Of the first leading basis of a member beside a set, in proportion."""
+        block = given.off(given.evidence.block(member))
+        left = given.residual() - block @ np.linalg.solve(np.eye(block.shape[1]) + block.T @ block, block.T @ given.residual())
+        return np.asarray(self.bank.columns(member.form.lead[0]).T @ given.evidence.whitened.adjoint(left[:, None])[:, 0])
 
     def _moves(self, form: Form, step: float, last: bool) -> tuple[Form, ...]:
         forms = form.nearby(step)

@@ -291,7 +291,7 @@ class States(Members):
         others, own = (*members[:k], *members[k + 1 :]), members[k]
         region, given = self.regions[own.form.region], self.given(noise, others)
         value, member = self.best(given, own.form)
-        found = self.best_of_region(region, given, noise) if region.propose is None else self.proposed(region, given)
+        found = self.likeliest_of(region, given, noise)
         if found is not None and found[0] > value + WORTH:
             value, member = found
         if value - given.log_evidence > _CLEAR:
@@ -309,7 +309,7 @@ class States(Members):
         if known in self._grown or state.log_posterior < self.top - reach:
             return []
         self._grown.add(known)
-        best = self.best_of_region(region, given, white) or self.best(given, own.form)
+        best = self.likeliest_of(region, given, white) or self.best(given, own.form)
         if best[0] - given.log_evidence < _CLEAR:
             return []
         first = [best, *self._other_equations(region, best, given, white)]
