@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,8 +12,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.data import Grid
+from rlgcomp.diagnosis.data import Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
+from rlgcomp.diagnosis.forms.times import Straying, Wave
 from tests.few_monitors import few_monitors
 
 Array = npt.NDArray[np.float64]
@@ -127,3 +129,45 @@ def test_what_keeps_its_phase_for_less_than_a_cycle_is_no_line(
     diagnosis.save(tmp_path)
     diagnosis.report(tmp_path / "report.html")
     assert "periodic_interference" not in diagnosis.messages[0].text
+
+
+def test_a_straying_wave_is_linear_in_the_course_of_its_phase() -> None:
+    """Its columns are the derivatives of the wave by amplitude and course; Gauss-Newton steps find it from 0.3 rad off."""
+    rng = np.random.default_rng(0)
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    recording = simulator.simulate(PROGRAMMES[0], seed=0, step_s=10.0, name="run0")
+    run = Run.of(recording, Grid.of([recording]), lambda binned: binned.rate_deg_h())
+    course = np.array([0.4, *rng.normal(size=6)])
+    wave = Straying(Wave(1.0 / PERIOD_S, 1e-6), (("run0", tuple(course)),), 0.3)
+
+    def about(moved: Array) -> Array:
+        return np.asarray(np.cos(dataclasses.replace(wave, courses=(("run0", tuple(moved)),)).turn(run)))
+
+    table, step = wave.columns(run), 1e-6
+    assert table[:, 0] == pytest.approx(about(course), abs=1e-12)
+    for k in range(7):
+        moved = course + step * np.eye(7)[k]
+        slope = -table[:, 1] if k == 0 else table[:, k + 1] / wave.spread
+        assert (about(moved) - about(course)) / step == pytest.approx(slope, abs=1e-5)
+    off = course + rng.uniform(-0.3, 0.3, 7)
+    found = dataclasses.replace(wave, courses=(("run0", tuple(off)),))
+    for _ in range(4):
+        weights = np.linalg.lstsq(found.columns(run), 2.0 * about(course), rcond=None)[0]
+        found = found.renewed(weights[None])
+    assert found.turn(run) == pytest.approx(wave.turn(run), abs=1e-4)
+
+
+def test_a_loud_line_whose_phase_strays_leaves_no_slow_error() -> None:
+    """Were its amplitude free to come and go, the noise would have to make up for what a smooth envelope cannot follow."""
+
+    def stray(run: rlg.Recording, k: int) -> Array:
+        drawn = np.random.default_rng(10 + k).standard_normal(len(run))
+        phase = gaussian_filter1d(drawn, 300.0)
+        turn = 2.0 * np.pi * run.time_s / PERIOD_S + phase / np.std(phase)
+        return np.asarray(0.2 * (np.sin(turn) + 0.3 * np.sin(2.0 * turn + 1.0)))
+
+    diagnosis = diagnosed(stray, 2.0)
+    assert diagnosis.verdict == "explained"
+    assert not diagnosis.decision.wander
+    (cause,) = diagnosis.causes
+    assert cause.equation == "b = wave of a steady amplitude, whose frequency wanders about frequency_hz"
