@@ -27,6 +27,7 @@ from rlgcomp.diagnosis.regions.loops import (
     more_relays,
     one_history,
     rougher,
+    with_hops,
     with_relays,
 )
 from rlgcomp.diagnosis.regions.monitors import monitor
@@ -72,7 +73,7 @@ _FAMILIES: Final[Mapping[str, _Families]] = {
         with_relays,
         as_relays,
     ),
-    "mode_hop": _Families(hops, "rate-independent", more_hops, fewer_relays(priors.HOPS), adopt=as_hops),
+    "mode_hop": _Families(hops, "rate-independent", more_hops, fewer_relays(priors.HOPS), with_hops, as_hops),
     "warm_up": _Families(warm_up, "none"),
     "ageing": _Families(ageing, "none"),
 }
