@@ -83,18 +83,18 @@ def test_each_recording_of_a_diagnosis_is_brought_onto_the_grid_once(monkeypatch
     assert sorted(names) == ["run-1", "run-2"]
 
 
-def hysteresis_of(simulator: Simulator) -> tuple[Region, Run]:
-    """The region of hysteresis over one run, and the run."""
+def region_of(mechanism: str, simulator: Simulator) -> tuple[Region, Run]:
+    """The region of a mechanism over one run, and the run."""
     recording = simulator.simulate("start 20, hold 20, ramp 40 1, ramp -10 1, ramp 60 1, hold 20", seed=1, step_s=10.0)
     run = Run.of(recording, Grid.of([recording]), lambda binned: binned.rate_deg_h())
     data = Data((run,))
     setting = Setting(data, Driver.of(data, "temperature_block_degC"))
-    return next(named(setting, {"thermal_hysteresis": rlg.CATALOGUE["thermal_hysteresis"]}, ())), run
+    return next(named(setting, {mechanism: rlg.CATALOGUE[mechanism]}, ())), run
 
 
 @pytest.fixture(scope="module")
 def hysteresis() -> tuple[Region, Run]:
-    return hysteresis_of(Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}))
+    return region_of("thermal_hysteresis", Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}))
 
 
 def test_a_relay_that_has_not_switched_yet_may_have_come_from_either_side(hysteresis: tuple[Region, Run]) -> None:
@@ -130,6 +130,28 @@ def test_a_hysteresis_takes_up_a_hop_as_a_relay_that_is_wide_enough(hysteresis: 
     assert relay.up[0] - relay.down[0] == pytest.approx(priors.NARROWEST_LOOP)
     assert region.absorb(smooth, smooth) is None
     assert region.absorb(smooth, dataclasses.replace(hop, lead=(Relays(Driver(("other",)), (0.3,), (0.25,)),))) is None
+
+
+def test_a_ladder_takes_up_relays_that_are_hops_beside_its_own() -> None:
+    region, _ = region_of("mode_hop", Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}))
+    assert region.absorb is not None
+    hop = next(form for form in region.forms if isinstance(form.lead[0], Relays) and len(form.lead[0].up) == 1)
+    driver = hop.lead[0].driver
+
+    def relays(*places: tuple[float, float]) -> Form:
+        return Form("thermal_hysteresis", "relays", tuple(Relays(driver, (up,), (down,)) for up, down in places))
+
+    one = dataclasses.replace(hop, lead=(dataclasses.replace(hop.lead[0], up=(0.3,), down=(0.25,)),))
+    ladder = region.absorb(one, relays((-0.1, -0.27), (0.8, 0.7)))
+    assert ladder is not None
+    assert [(hop.up, hop.down) for hop in ladder.lead if isinstance(hop, Relays)] == [
+        ((0.3,), (0.25,)),
+        ((-0.1,), (-0.27,)),
+        ((0.8,), (0.7,)),
+    ]
+    assert ladder.log_share < one.log_share
+    assert region.absorb(one, relays((0.5, 0.1))) is None  # it overlaps the hop, and is wide
+    assert region.absorb(one, dataclasses.replace(one, lead=(Relays(Driver(("other",)), (0.3,), (0.25,)),))) is None
 
 
 @pytest.fixture(scope="module")
