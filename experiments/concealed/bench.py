@@ -218,7 +218,10 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
         variance = float(np.var(bench.means(values)))
         process = None if effect.correlation is None else (variance, effect.correlation)
         acting.append(Acting(effect, strength, [size * one for one in bench.expected(effect, seen)], process))
-    informed = Informed(noise, bench.samples, bench.training, seen, bench.columns(seen), made.nuisance.columns, acting, made.gyro)
+    beside = made.nuisance
+    informed = Informed(
+        noise, bench.samples, bench.training, seen, bench.columns(seen), beside.columns, beside.error, acting, made.gyro
+    )
     outside = plan.kind == "outside"
     return Case(
         plan=plan,
@@ -245,7 +248,7 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
         white_deg_h=rate_deg_h,
         noise=noise,
         scale=scale,
-        log_bayes_factor=informed.log_bayes_factor(),
+        log_bayes_factor=min(informed.log_bayes_factor(), informed.log_bayes_factor_beside()),
         separation_nats=informed.separation(),
     )
 

@@ -61,7 +61,7 @@ class Case:
     noise : Noise
     scale : Scale
     log_bayes_factor : float
-        For an observer who knows noise and forms, the smallest of all hidden effects.
+        For an observer who knows noise and forms, the smallest of all hidden effects and of steps or biases beside them.
     separation_nats : float
         Log-likelihood by which he prefers an effect to the best of simple rivals, the smallest of all hidden effects.
     """

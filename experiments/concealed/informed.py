@@ -78,6 +78,8 @@ class Informed:
         As the readings show the runs.
     baseline, nuisance : sequence of ndarray, shape (n, columns)
         Of the simulator, and of what acts beside the effects, run by run.
+    beside : sequence of ndarray
+        What acts beside the effects, as it is.
     acting : sequence of Acting
     gyro : sequence of ndarray
     """
@@ -88,6 +90,7 @@ class Informed:
     seen: Sequence[Chamber]
     baseline: Sequence[Array]
     nuisance: Sequence[Array]
+    beside: Sequence[Array]
     acting: Sequence[Acting]
     gyro: Sequence[Array]
 
@@ -107,6 +110,18 @@ class Informed:
     def log_bayes_factor(self) -> float:
         """Of each effect against its absence, all else known: the smallest."""
         return min(map(self._log_bayes_factor, range(len(self.acting))), default=0.0)
+
+    def log_bayes_factor_beside(self) -> float:
+        """Of steps or biases of runs against none, all else known; infinite where there are none."""
+        if not any(np.any(one) for one in self.beside):
+            return math.inf
+        columns = [one for one in self.acting if one.is_column]
+        design = [np.column_stack([known, *(one.values[k] for one in columns)]) for k, known in enumerate(self.baseline)]
+        factors = self._roots([one.process for one in self.acting if not one.is_column])
+        known, target, column = (observer.whiten(factors, self._windows(block)) for block in (design, self.gyro, self.beside))
+        remainder = observer.residual(known, column)
+        unit = remainder / np.sqrt(np.mean(np.concatenate(self._windows(self.beside)) ** 2))
+        return observer.log_bayes_factor(unit, observer.residual(known, target))
 
     def separation(self) -> float:
         """Log-likelihood by which an effect that runs repeat beats simple forms of other causes: the smallest."""

@@ -129,7 +129,8 @@ class Smooth(Basis):
         if self.path.memory != "lag":
             return found
         times = (self.path.time_s * factor for factor in (_TIME_RATIO**step, _TIME_RATIO**-step))
-        return *found, *(dataclasses.replace(self, path=dataclasses.replace(self.path, time_s=time_s)) for time_s in times)
+        paths = (dataclasses.replace(self.path, time_s=time_s) for time_s in times if time_s <= self.path.longest_s)
+        return *found, *(dataclasses.replace(self, path=path) for path in paths)
 
     def parameters(self) -> dict[str, float]:
         return {"time_constant_s": self.path.time_s} if self.path.memory == "lag" else {}

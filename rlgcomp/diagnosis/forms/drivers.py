@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -99,6 +100,8 @@ class Path(Hashed):
         Window of the slope, or time constant of the lag.
     centre, half : float
         Range of the path in units of the driver's; a rate is in ranges per run length.
+    longest_s : float
+        Longest time constant.
     """
 
     driver: Driver
@@ -106,6 +109,7 @@ class Path(Hashed):
     time_s: float = 0.0
     centre: float = 0.0
     half: float = 1.0
+    longest_s: float = math.inf
 
     @classmethod
     def rate(cls, data: Data, driver: Driver) -> Self:

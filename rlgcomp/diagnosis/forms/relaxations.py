@@ -30,6 +30,7 @@ class Lag(Basis):
     ratio: float  # of the grid
     behind: bool = True  # less the driver itself
     shortest_s: float = 0.0
+    longest_s: float = math.inf  # one longer than a run is known by where the run begins alone
 
     def columns(self, run: Run) -> Array:
         values = self.driver.values(run)
@@ -42,7 +43,8 @@ class Lag(Basis):
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         times_s = (self.time_constant_s * factor for factor in (self.ratio**step, self.ratio**-step))
-        return tuple(dataclasses.replace(self, time_constant_s=time_s) for time_s in times_s if time_s >= self.shortest_s)
+        possible = (time_s for time_s in times_s if self.shortest_s <= time_s <= self.longest_s)
+        return tuple(dataclasses.replace(self, time_constant_s=time_s) for time_s in possible)
 
     def parameters(self) -> dict[str, float]:
         return {"time_constant_s": self.time_constant_s}
@@ -80,6 +82,7 @@ class Conduction(_Lags):
     slowest_s: float
     back: bool
     ratio: float
+    longest_s: float = math.inf
 
     def mixture(self) -> tuple[Array, Array]:
         """Time constants, shape (k,), and weights of their lags, shape (k, 1)."""
@@ -88,7 +91,8 @@ class Conduction(_Lags):
         return np.asarray(self.slowest_s / odd**2), (weights / weights.sum())[:, None]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
-        return tuple(dataclasses.replace(self, slowest_s=self.slowest_s * f) for f in (self.ratio**step, self.ratio**-step))
+        times_s = (self.slowest_s * factor for factor in (self.ratio**step, self.ratio**-step))
+        return tuple(dataclasses.replace(self, slowest_s=time_s) for time_s in times_s if time_s <= self.longest_s)
 
     def parameters(self) -> dict[str, float]:
         return {"time_constant_s": self.slowest_s}
@@ -111,12 +115,15 @@ class Distributed(_Lags):
         Standard deviation of the logarithm of the time constant.
     ratio : float
         Of time constants, from one point of the grid to the next.
+    longest_s : float
+        Longest median.
     """
 
     driver: Driver
     time_constant_s: float
     spread: float
     ratio: float
+    longest_s: float = math.inf
 
     def mixture(self) -> tuple[Array, Array]:
         """Time constants, shape (k,), and weights of their lags, shape (k, 1)."""
@@ -124,7 +131,8 @@ class Distributed(_Lags):
         return self.time_constant_s * np.exp(self.spread * nodes), (weights / math.sqrt(2.0 * math.pi))[:, None]
 
     def nearby(self, step: float) -> tuple[Self, ...]:
-        found = [dataclasses.replace(self, time_constant_s=self.time_constant_s * f) for f in (self.ratio**step, self.ratio**-step)]
+        times_s = (self.time_constant_s * factor for factor in (self.ratio**step, self.ratio**-step))
+        found = [dataclasses.replace(self, time_constant_s=time_s) for time_s in times_s if time_s <= self.longest_s]
         spreads = (min(max(self.spread * f, _LEAST), _MOST) for f in (_SPREAD_RATIO**step, _SPREAD_RATIO**-step))
         return (*found, *(dataclasses.replace(self, spread=spread) for spread in spreads if spread != self.spread))
 

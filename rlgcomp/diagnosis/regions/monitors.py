@@ -61,10 +61,10 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,), finer=finer)
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)
-            ratio = times[1] / times[0]
-            late: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, behind=False),) for t in times[1::2]]
-            washed_out: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio),) for t in times[1::2]]
-            bent: list[tuple[Basis, ...]] = [(Smooth(Path(driver, "lag", t)),) for t in times[1::2]]
+            ratio, longest_s = times[1] / times[0], setting.data.longest_s
+            late: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, behind=False, longest_s=longest_s),) for t in times[1::2]]
+            washed_out: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, longest_s=longest_s),) for t in times[1::2]]
+            bent: list[tuple[Basis, ...]] = [(Smooth(Path(driver, "lag", t, longest_s=longest_s)),) for t in times[1::2]]
             families = [
                 Family(f"b = k lag({column}, time_constant_s)", late, kin),
                 Family(f"b = f(lag({column}, time_constant_s))", bent, kin),

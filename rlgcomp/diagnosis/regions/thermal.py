@@ -57,26 +57,42 @@ def lags(setting: Setting) -> list[Family]:
     """Of the block, or of another place that has a thermometer."""
     families, shortest_s = [], priors.SHORTEST_LAG * setting.data.runs[0].grid.window_s
     for driver in (setting.temperature, *setting.other_thermometers):
-        times, name = setting.time_constants_s(1.5), "T" if driver == setting.temperature else driver.symbol
+        times, longest_s = setting.time_constants_s(1.5), setting.data.longest_s
+        name = "T" if driver == setting.temperature else driver.symbol
         ratio, weight = times[1] / times[0], 1.0 if driver == setting.temperature else 0.5
         freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
         families += [
             Family(
                 f"b = k (lag({name}, time_constant_s) - {name})",
-                [(Lag(driver, t, ratio, shortest_s=shortest_s),) for t in times],
+                [(Lag(driver, t, ratio, shortest_s=shortest_s, longest_s=longest_s),) for t in times],
                 freely,
                 2.0 * weight,
             ),
-            Family(f"b = k (mean of a slab - {name})", [(Conduction(driver, t, False, ratio),) for t in times[3:]], freely, weight),
-            Family(f"b = k (back of a slab - {name})", [(Conduction(driver, t, True, ratio),) for t in times[3:]], freely, weight),
+            Family(
+                f"b = k (mean of a slab - {name})",
+                [(Conduction(driver, t, False, ratio, longest_s),) for t in times[3:]],
+                freely,
+                weight,
+            ),
+            Family(
+                f"b = k (back of a slab - {name})",
+                [(Conduction(driver, t, True, ratio, longest_s),) for t in times[3:]],
+                freely,
+                weight,
+            ),
             Family(f"b = integral of k(tau) (lag({name}, tau) - {name})", [(Spectrum(driver, times),)], freely, weight),
             Family(
                 f"b = k (mean of lags({name}, tau) about time_constant_s - {name})",
-                [(Distributed(driver, t, spread, ratio),) for t in times for spread in SPREADS],
+                [(Distributed(driver, t, spread, ratio, longest_s),) for t in times for spread in SPREADS],
                 freely,
                 0.5 * weight,
             ),
-            Family(f"b = f(lag({name}, time_constant_s))", [(Smooth(Path(driver, "lag", t)),) for t in times[::2]], freely, weight),
+            Family(
+                f"b = f(lag({name}, time_constant_s))",
+                [(Smooth(Path(driver, "lag", t, longest_s=longest_s)),) for t in times[::2]],
+                freely,
+                weight,
+            ),
         ]
     return families
 
@@ -89,7 +105,7 @@ def more_lags(setting: Setting) -> Callable[[Form], Iterator[Form]]:
             for time_s in times:
                 first = form.lead[0]
                 assert isinstance(first, Lag)  # noqa: S101
-                more = Lag(first.driver, time_s, times[1] / times[0])
+                more = Lag(first.driver, time_s, times[1] / times[0], longest_s=setting.data.longest_s)
                 share = form.log_share + log_odds_of_more(len(form.lead), 1, len(times))
                 yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 

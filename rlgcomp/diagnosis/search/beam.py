@@ -176,9 +176,32 @@ class Search(Sharpening):
                 for child in others[:3]:
                     if self._ahead(child) and child.log_posterior > best.log_posterior - _WITHIN:
                         self.refined(child)
-                self._parted(self.regions[best.members[k].form.region], fewer, others)
+                region = self.regions[best.members[k].form.region]
+                self._parted(region, fewer, others)
+                self._beside_nuisances(region, others)
             if self.likeliest_state is best:
                 return
+
+    def _beside_nuisances(self, region: Region, others: Sequence[State]) -> None:
+        """A member chosen anew beside a bias of the run, a step or a wrong number in its own place: a rich form stands in for both.
+
+        Parameters
+        ----------
+        region : Region
+            Of the member.
+        others : sequence of State
+            The set without it, with each other region.
+        """
+        for child in others if not region.nuisance else ():
+            if not self.regions[child.members[-1].form.region].nuisance:
+                continue
+            found = self.likeliest_of(region, self.given(child.noise, child.members), child.noise)
+            if found is not None:
+                members = (*child.members, found[1])
+                known = self.visited.get(State(members, child.noise, 0.0).key)
+                state = self.converged(members, child.noise)
+                if state.log_posterior > self.top - _WITHIN and (known is None or self._ahead(state, known)):
+                    self.refined(state)
 
     def _ahead(self, state: State, known: State | None = None) -> bool:
         """Whether a state is likelier than the set of the same regions that was visited, or none was."""
