@@ -39,14 +39,14 @@ def pendulum(swings: list[rlg.Recording]) -> Diagnosis:
 
 
 def test_a_pendulum_lacks_a_law_of_the_angle(pendulum: Diagnosis) -> None:
-    (law,) = pendulum.members
+    law, *perhaps = pendulum.members
+    assert all(one.drivers == ("rate_rad_s",) for one in perhaps)  # friction, of which two swings show little
+    assert all(one.probability < 0.9 for one in pendulum.decision.named[1:])
     assert law.drivers == ("angle_rad",)
     assert law.memory == "static"
     assert law.equation == "b = odd function of angle_rad"
     assert pendulum.test is not None
-    unexplained = np.hypot(pendulum.test.noise_floor_rms, pendulum.slow_error_rms)
-    assert pendulum.test.augmented_rms < 1.2 * unexplained
-    assert pendulum.test.improvement > 0.68  # 0.74 would leave the noise and the slow error alone
+    assert pendulum.test.improvement > 0.8
 
 
 def test_its_rate_is_told_as_a_reading_of_the_output(pendulum: Diagnosis) -> None:
