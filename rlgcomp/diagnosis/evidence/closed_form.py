@@ -207,6 +207,7 @@ class Conditional:
         self.shared: list[Shared] = []  # of forms that were asked for
         self.gains: dict[bytes, Array] = {}  # of forms of a layout that were wanted
         self.polished: dict[tuple[Member, bool, float], tuple[float, Member]] = {}  # down to a least step, all or the last
+        self.proposed: dict[str, tuple[float, Member] | None] = {}  # the likeliest of what the residual proposes, by region
         self.root: Array = np.asarray(np.linalg.cholesky(np.eye(table.shape[1]) + table.T @ table), dtype=np.float64)
         self.weights_half = _solved(self.root, table.T @ evidence.output)
         self.log_det = 2.0 * float(np.sum(np.log(np.diag(self.root))))

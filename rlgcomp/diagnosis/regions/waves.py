@@ -29,7 +29,7 @@ _OVERSAMPLING: Final = 3  # frequencies in each resolution cell
 _PEAKS: Final = 2
 _HARMONICS: Final = 5
 _MODULATIONS: Final = (6, 10, 16)  # knots of a run, of a wave whose frequency wanders
-_FINER, _FINEST = 1.6, 42  # knots of a phase over those before, and the most
+_FINER, _FINEST, _MOST_COURSES = 1.6, 42, 130  # knots of a phase over those before, and the most in a run and in all
 _MOST_KNOTS: Final = 24  # of a harmonic
 _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and knot: of such a wave's spectrum at half of its height
 _QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
@@ -139,8 +139,9 @@ def lines(setting: Setting, key: str) -> Callable[[np.ndarray[Any, Any]], tuple[
 
     def wandering(place: float, knots: int) -> Iterator[Form]:
         steady = EachRun(waves.one(place), waves.names)
-        for own in (tuple(one(steady) for one in _HIGHER), ()):
-            yield Form(key, _WANDERING, (waves.modulated(place, knots),), own, (), waves.log_share - math.log(2.0))
+        harmonics = tuple(one(steady) for one in _HIGHER)
+        for smooth in ((), harmonics) if knots < _MODULATIONS[-1] else ((),):
+            yield Form(key, _WANDERING, (waves.modulated(place, knots),), smooth, (), waves.log_share - math.log(2.0))
 
     def following(place: float, by: Path) -> Form:
         equation = f"b = wave of frequency_hz, of one phase, whose amplitude follows {by.driver.symbol}"
@@ -198,7 +199,7 @@ def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[Form]:
         phases = {run: first.basis.envelope(own) for run, own in zip(first.runs, of_runs, strict=True)}
         known, straying = math.log(len(priors.PHASES)), Straying.of(first.basis, phases)
     more = round(_FINER * straying.knots)
-    for one in (straying, straying.finer(more)) if more <= _FINEST else (straying,):
+    for one in (straying, straying.finer(more)) if more <= min(_FINEST, _MOST_COURSES / len(first.runs)) else (straying,):
         lead = (EachRun(one, first.runs), *(Overtone(one, basis.order) for basis in form.lead[1:] if isinstance(basis, Overtone)))
         share = form.log_share + one.log_prior - known
         for overtones in (), tuple(Overtone(one, order) for order in range(2, _HARMONICS + 1)):

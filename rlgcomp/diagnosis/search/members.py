@@ -40,6 +40,7 @@ _FEW: Final = 3
 _NARROW: Final = 4  # leading columns
 WORTH: Final = 0.3  # nats that a polishing step must gain
 WORTH_MORE: Final = 3.0  # and a further member of a form
+CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
 class Members:
@@ -174,6 +175,11 @@ class Members:
 
     def proposed(self, region: Region, given: Conditional) -> tuple[float, Member] | None:
         """The likeliest of what the residual proposes, that of each near equation polished, for lines are far from it before."""
+        if region.key not in given.proposed:
+            given.proposed[region.key] = self._proposed(region, given)
+        return given.proposed[region.key]
+
+    def _proposed(self, region: Region, given: Conditional) -> tuple[float, Member] | None:
         assert region.propose is not None  # noqa: S101
         possible, table = gains(given, region.propose(given.residual()))
         best: dict[str, tuple[float, Member]] = {}
@@ -182,7 +188,8 @@ class Members:
             one = float(row[j]) + form.log_share, Member(form, float(priors.SIZES[j]))
             best[form.equation] = max(best.get(form.equation, one), one, key=lambda found: found[0])
         nearest = sorted(best.values(), key=lambda one: one[0], reverse=True)[:_EQUATIONS]
-        return max((self.polished(*one, given) for one in nearest), key=lambda one: one[0], default=None)
+        finest = (self.renewed(*self.polished(*one, given), given) for one in nearest)
+        return max(finest, key=lambda one: one[0], default=None)
 
     def of_equations(self, region: Region, given: Conditional, noise: Noise) -> list[Form]:
         """The likeliest form of the region's first equation and of its likeliest ones."""
@@ -292,7 +299,7 @@ class Members:
         least = _COARSE if last or (len(member.form.lead) > _FEW and not finest) else _FINEST
         key = member, last, least
         if key not in given.polished:
-            given.polished[key] = self._renewed(*self._moved(value, member, given, last, least), given)
+            given.polished[key] = self._moved(value, member, given, last, least)
         return given.polished[key]
 
     def _moved(self, value: float, member: Member, given: Conditional, last: bool, least: float) -> tuple[float, Member]:
@@ -304,11 +311,11 @@ class Members:
             step *= 0.5
         return value, member
 
-    def _renewed(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
-        """A form that is linear about a course as long as another course is likelier."""
-        region = self.regions.get(member.form.region)
-        while region is not None and region.renew is not None:
-            found = self.likeliest(given, region.renew(member.form, self.leading_weights(member, given)))
+    def renewed(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
+        """A form that is linear about a course as long as another course is likelier, where it stands out."""
+        renew = self.regions[member.form.region].renew
+        while renew is not None and value > given.log_evidence + CLEAR:
+            found = self.likeliest(given, renew(member.form, self.leading_weights(member, given)))
             if found is None or found[0] <= value + WORTH:
                 break
             value, member = found

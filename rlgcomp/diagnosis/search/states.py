@@ -19,7 +19,7 @@ from rlgcomp.diagnosis.forms.terms import WANDER, Form, Region
 from rlgcomp.diagnosis.noise.errors import Errors, columns_of
 from rlgcomp.diagnosis.noise.model import Noise
 from rlgcomp.diagnosis.regions.lateness import LATE, Prediction, late_bases, late_form, white_noise
-from rlgcomp.diagnosis.search.members import WORTH, WORTH_MORE, Members, log_sum
+from rlgcomp.diagnosis.search.members import CLEAR, WORTH, WORTH_MORE, Members, log_sum
 from rlgcomp.diagnosis.search.process import Process
 
 Latent = Literal["", "wander", "telegraph"]
@@ -35,7 +35,6 @@ _ROUGH: Final = 3  # equations whose likeliest forms are tried with departures t
 _OTHERS: Final = 2  # equations beside the likeliest one that are polished,
 _NEAR_EQUATIONS: Final = 15.0  # at most so many nats behind it
 _EXACT: Final = 6  # equations that are tried without departures
-_CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
 
 
 @dataclasses.dataclass(frozen=True)
@@ -294,8 +293,8 @@ class States(Members):
         found = self.likeliest_of(region, given, noise)
         if found is not None and found[0] > value + WORTH:
             value, member = found
-        if value - given.log_evidence > _CLEAR:
-            value, member = self.polished(value, member, given)
+        if value - given.log_evidence > CLEAR:
+            value, member = self.renewed(*self.polished(value, member, given), given)
         return (*members[:k], member, *members[k + 1 :])
 
     def _richer(self, state: State, k: int) -> list[Member]:
@@ -310,7 +309,7 @@ class States(Members):
             return []
         self._grown.add(known)
         best = self.likeliest_of(region, given, white) or self.best(given, own.form)
-        if best[0] - given.log_evidence < _CLEAR:
+        if best[0] - given.log_evidence < CLEAR:
             return []
         first = [best, *self._other_equations(region, best, given, white)]
         found = [self.polished(*one, given)[1] for one in first]
