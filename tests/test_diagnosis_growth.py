@@ -14,6 +14,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays
+from rlgcomp.diagnosis.forms.relaxations import Spectrum
 from rlgcomp.diagnosis.forms.terms import Form, Region
 from rlgcomp.diagnosis.regions.chamber import named
 from rlgcomp.diagnosis.regions.setting import Setting
@@ -204,3 +205,19 @@ def test_no_relay_of_a_hysteresis_is_as_narrow_as_a_hop(hysteresis: tuple[Region
     widths = [form.lead[-1].up[0] - form.lead[-1].down[0] for form in region.grow(single)]
     assert len(widths) > 500
     assert min(widths) >= priors.NARROWEST_LOOP
+
+
+def test_a_lag_is_no_longer_than_a_run() -> None:
+    """One that is much longer is a function of where each run begins, and makes up for any bias of a run."""
+    region, run = region_of("thermal_lag", Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}))
+    longest_s = run.bins * run.grid.bin_s
+
+    def time_s(form: Form) -> float:
+        basis = form.lead[0]
+        return getattr(basis, "slowest_s", None) or getattr(basis, "time_constant_s", None) or basis.path.time_s
+
+    slow = [form for form in region.forms if not isinstance(form.lead[0], Spectrum) and time_s(form) > 0.6 * longest_s]
+    assert len({form.equation for form in slow}) == 10  # of the block and of the shell
+    for form in slow:
+        assert all(time_s(moved) <= longest_s for moved in form.nearby(1.0))
+        assert any(time_s(moved) < time_s(form) for moved in form.nearby(1.0))

@@ -157,7 +157,7 @@ def test_a_straying_wave_is_linear_in_the_course_of_its_phase() -> None:
     assert found.turn(run) == pytest.approx(wave.turn(run), abs=1e-4)
 
 
-def test_a_loud_line_whose_phase_strays_leaves_no_slow_error() -> None:
+def test_a_loud_line_whose_phase_strays_leaves_no_slow_error(tmp_path: Path) -> None:
     """Were its amplitude free to come and go, the noise would have to make up for what a smooth envelope cannot follow."""
 
     def stray(run: rlg.Recording, k: int) -> Array:
@@ -171,3 +171,9 @@ def test_a_loud_line_whose_phase_strays_leaves_no_slow_error() -> None:
     assert not diagnosis.decision.wander
     (cause,) = diagnosis.causes
     assert cause.equation == "b = wave of a steady amplitude, whose frequency wanders about frequency_hz"
+    frequency, width = cause.parameters["frequency_hz"], cause.parameters["linewidth_hz"]
+    assert frequency.value == pytest.approx(1.0 / PERIOD_S, abs=4.0 * frequency.sd)
+    assert 0.0 < width.value < 0.35 / PERIOD_S
+    diagnosis.save(tmp_path)
+    diagnosis.report(tmp_path / "report.html")
+    assert rlg.Simulator.load(tmp_path / "augmented.yaml").mechanisms

@@ -194,14 +194,14 @@ def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[Form]:
         return
     of_runs = weights.reshape(len(first.runs), -1)
     if isinstance(first.basis, Straying):
-        known, straying = first.basis.log_prior, first.basis.renewed(of_runs)
+        counted, straying = first.basis.log_prior, first.basis.renewed(of_runs)
     else:
         phases = {run: first.basis.envelope(own) for run, own in zip(first.runs, of_runs, strict=True)}
-        known, straying = math.log(len(priors.PHASES)), Straying.of(first.basis, phases)
+        counted, straying = math.log(len(priors.PHASES)), Straying.of(first.basis, phases)
     more = round(_FINER * straying.knots)
     for one in (straying, straying.finer(more)) if more <= min(_FINEST, _MOST_COURSES / len(first.runs)) else (straying,):
         lead = (EachRun(one, first.runs), *(Overtone(one, basis.order) for basis in form.lead[1:] if isinstance(basis, Overtone)))
-        share = form.log_share + one.log_prior - known
+        share = form.log_share + one.log_prior - counted
         for overtones in (), tuple(Overtone(one, order) for order in range(2, _HARMONICS + 1)):
             smooth = tuple(basis for basis in overtones if basis not in lead)
             yield dataclasses.replace(form, equation=_STRAYING, lead=lead, smooth=smooth, log_share=share)
@@ -229,12 +229,11 @@ def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | N
     wave, first = strays(form), form.lead[0]
     if wave is None or not isinstance(first, EachRun):
         return None
-    seconds = {run.name: float(run.elapsed_s[-1]) for run in data.runs}
-    envelopes = [wave.envelope(own, run) for own, run in zip(weights.reshape(len(first.runs), -1), first.runs, strict=True)]
-    found = [moments(one, seconds[run]) for one, run in zip(envelopes, first.runs, strict=True) if run in seconds]
-    mean, width = mean_and_width(np.array(found))
+    of_runs = dict(zip(first.runs, weights.reshape(len(first.runs), -1), strict=True))
+    known = [(run, wave.envelope(of_runs[run.name], run.name)) for run in data.runs if run.name in of_runs]
+    mean, width = mean_and_width(np.array([moments(envelope, float(run.elapsed_s[-1])) for run, envelope in known]))
     share = width / (wave.wave.frequency_hz + mean)
-    power = np.abs(envelopes) ** 2
+    power = np.abs([envelope for _, envelope in known]) ** 2
     steady = isinstance(wave, Straying) or np.mean(power**2) < _UNSTEADY * np.mean(power) ** 2
     if share < (_NO_PERIOD if steady else _FORGETFUL):
         return None
