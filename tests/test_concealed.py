@@ -736,7 +736,6 @@ class TestManyCases:
         pytest.param(Plan("single", ("periodic_interference",), (26.856245820706686,), "", 2080015), id="a line that strays"),
         pytest.param(Plan("pair", ("mode_hop", "ageing"), (3.7660165327337487, 7.5217751030221205), "", 6080025), id="a ladder"),
         pytest.param(Plan("nuisance", ("thermal_lag",), (2.5890198731287954,), "run bias", 12080037), id="biases of runs"),
-        pytest.param(Plan("nuisance", ("thermal_hysteresis",), (2.5991019271585576,), "step", 12080039), id="a step"),
     ],
 )
 def test_cases_of_an_earlier_page_that_were_wrong(one: Plan) -> None:

@@ -176,4 +176,4 @@ def test_a_loud_line_whose_phase_strays_leaves_no_slow_error(tmp_path: Path) -> 
     assert 0.0 < width.value < 0.35 / PERIOD_S
     diagnosis.save(tmp_path)
     diagnosis.report(tmp_path / "report.html")
-    assert rlg.Simulator.load(tmp_path / "augmented.yaml").mechanisms
+    assert rlg.Simulator.from_yaml(tmp_path / "augmented.yaml").mechanisms

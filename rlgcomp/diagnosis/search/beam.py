@@ -200,7 +200,7 @@ class Search(Sharpening):
                 members = (*child.members, found[1])
                 known = self.visited.get(State(members, child.noise, 0.0).key)
                 state = self.converged(members, child.noise)
-                if state.log_posterior > self.top - WORTH_MORE and (known is None or self._ahead(state, known)):
+                if state.log_posterior > self.top - _WITHIN and (known is None or self._ahead(state, known)):
                     self.refined(state)
 
     def _ahead(self, state: State, known: State | None = None) -> bool:

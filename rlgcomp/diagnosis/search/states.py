@@ -308,7 +308,8 @@ class States(Members):
         if known in self._grown or state.log_posterior < self.top - reach:
             return []
         self._grown.add(known)
-        best = self.likeliest_of(region, given, white) or self.best(given, own.form)
+        likeliest = None if region.nuisance and region.propose is not None else self.likeliest_of(region, given, white)
+        best = likeliest or self.best(given, own.form)  # a wander is looked for beside the noise alone in whose place it stands
         if best[0] - given.log_evidence < CLEAR:
             return []
         first = [best, *self._other_equations(region, best, given, white)]
