@@ -729,6 +729,19 @@ class TestManyCases:
         assert not page.right(row)
 
 
+def test_what_can_be_known_of_biases_of_runs() -> None:
+    """Biases of runs that are nearly alike cannot be seen, those of another case are plain; without any the effect alone counts."""
+    hidden, seen, none = (
+        make_case(one).log_bayes_factor
+        for one in (
+            Plan("nuisance", ("temperature_rate",), (1.0,), "run bias", 12080001),
+            Plan("nuisance", ("temperature_rate",), (1.0,), "run bias", 12080037),
+            Plan("single", ("temperature_rate",), (1.0,), "", 12080001),
+        )
+    )
+    assert hidden < page.EVEN_ODDS < min(seen, none)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "one",

@@ -231,14 +231,19 @@ class Straying(Basis):
 
     def turn(self, run: Run) -> Array:
         """In radians; straight in a run without a course."""
-        along = _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)
-        straight = 2.0 * math.pi * self.wave.frequency_hz * run.elapsed_s
-        return np.asarray(straight + along @ np.array(dict(self.courses).get(run.name, np.zeros(self.knots + 1))))
+        return self._turn(run, self._along(run))
 
     def columns(self, run: Run) -> Array:
-        turn = self.turn(run)
-        slow = _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)[:, 1:]
-        return np.column_stack([np.cos(turn), np.sin(turn), -self.spread * np.sin(turn)[:, None] * slow])
+        along = self._along(run)
+        turn = self._turn(run, along)
+        return np.column_stack([np.cos(turn), np.sin(turn), -self.spread * np.sin(turn)[:, None] * along[:, 1:]])
+
+    def _along(self, run: Run) -> Array:
+        return _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)
+
+    def _turn(self, run: Run, along: Array) -> Array:
+        straight = 2.0 * math.pi * self.wave.frequency_hz * run.elapsed_s
+        return np.asarray(straight + along @ np.array(dict(self.courses).get(run.name, np.zeros(self.knots + 1))))
 
     def renewed(self, weights: Array) -> Self:
         """About the courses that weights show, shape (runs, 2 + knots), or what is in proportion to them: a Gauss-Newton step."""

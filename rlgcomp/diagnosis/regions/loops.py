@@ -275,9 +275,7 @@ def as_relays(form: Form, other: Form) -> Form | None:
 def as_hops(form: Form, other: Form) -> Form | None:
     """A form of one hop with the relays of another form, of a hysteresis, in its place; None if these are no ladder."""
     relays = _single_relays_of(other, form)
-    ladder = None if relays is None else _ladder_of(relays)
-    share = 0.0 if ladder is None else form.log_share + log_odds_of_more(1, len(ladder) - 1, priors.HOPS)
-    return None if ladder is None else dataclasses.replace(form, lead=ladder, log_share=share)
+    return None if relays is None else _as_ladder_of(form, relays, known=1)
 
 
 def with_hops(_: Setting) -> Callable[[Form, Form], Form | None]:
@@ -288,16 +286,19 @@ def with_hops(_: Setting) -> Callable[[Form, Form], Form | None]:
         hops, relays = _single_relays_of(form, one), _single_relays_of(other, one)
         if hops is None or relays is None or len(hops) + len(relays) > priors.MOST_STEPS:
             return None
-        ladder = _ladder_of((*hops, *(dataclasses.replace(hops[0], up=one.up, down=one.down, opposite=()) for one in relays)))
-        share = form.log_share + log_odds_of_more(len(hops), len(relays), priors.HOPS)
-        return None if ladder is None else dataclasses.replace(form, lead=ladder, log_share=share)
+        more = (dataclasses.replace(hops[0], up=one.up, down=one.down, opposite=()) for one in relays)
+        return _as_ladder_of(form, (*hops, *more), known=len(hops))
 
     return absorb
 
 
-def _ladder_of(relays: Sequence[Relays]) -> tuple[Relays, ...] | None:
+def _as_ladder_of(form: Form, relays: Sequence[Relays], known: int) -> Form | None:
+    """A form with these relays as its ladder, so many of which it had; None if they are no ladder."""
     possible = all(relay.dead_band <= priors.WIDEST_OF_ONE for relay in relays)
-    return _as_ladder(relays) if possible and all(_apart(a, b) for a, b in itertools.combinations(relays, 2)) else None
+    if not possible or not all(_apart(a, b) for a, b in itertools.combinations(relays, 2)):
+        return None
+    share = form.log_share + log_odds_of_more(known, len(relays) - known, priors.HOPS)
+    return dataclasses.replace(form, lead=_as_ladder(relays), log_share=share)
 
 
 def _single_relays_of(other: Form, form: Form) -> tuple[Relays, ...] | None:

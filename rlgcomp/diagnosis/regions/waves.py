@@ -217,7 +217,8 @@ def strays(form: Form) -> Modulated | Straying | None:
 def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | None:
     """A line that is none, as what wanders unrecorded: its phase is soon forgotten, and its amplitude is not steady; else None.
 
-    A source of a period has an amplitude, were its phase to stray; of what is random both come and go together.
+    A source of a period has an amplitude, were its phase to stray; of what is random both come and go together. What forgets its
+    phase within half a cycle has no period, whatever its amplitude.
 
     Parameters
     ----------

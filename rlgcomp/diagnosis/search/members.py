@@ -322,7 +322,7 @@ class Members:
         return value, member
 
     def leading_weights(self, member: Member, given: Conditional) -> Array:
-        """Of the first leading basis of a member beside a set, in proportion."""
+        """Of the first leading basis of a member beside a set, roughly in proportion: what they lead to is taken where likelier."""
         block = given.off(given.evidence.block(member))
         left = given.residual() - block @ np.linalg.solve(np.eye(block.shape[1]) + block.T @ block, block.T @ given.residual())
         return np.asarray(self.bank.columns(member.form.lead[0]).T @ given.evidence.whitened.adjoint(left[:, None])[:, 0])
