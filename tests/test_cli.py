@@ -171,6 +171,13 @@ def test_mechanisms_tells_what_a_simulator_file_may_hold() -> None:
     assert "no mechanism is called 'phlogiston'" in unknown.output
 
 
+@pytest.mark.parametrize("name", rlg.CATALOGUE)
+def test_each_mechanism_is_described(name: str) -> None:
+    described = run("mechanisms", name)
+    assert described.exit_code == 0, described.output
+    assert rlg.CATALOGUE[name].equation in " ".join(described.stdout.split())
+
+
 def test_inspect_names_what_was_found(folder: Path, tmp_path: Path) -> None:
     recording = rlg.read(folder / "run1.parquet")
     table = recording.table

@@ -142,7 +142,7 @@ def diagnose(
     """What physics a simulator is missing, with probabilities and a proof on held-out runs.
 
     The free parameters of the simulator are calibrated first, so that wrong numbers are not taken for missing physics. Three runs
-    of 11 h take about 15 s of one core; several effects at once, or a hysteresis far above the noise, take up to some minutes.
+    of 11 h take 15 to 45 s of one core; several effects at once, or a hysteresis far above the noise, take up to some minutes.
 
     Example: `rlgcomp diagnose --simulator simulator.yaml --train cold.parquet hot.parquet --test new.parquet --out diagnosis`
     """

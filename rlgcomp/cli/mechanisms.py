@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import math
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,7 +54,7 @@ def mechanisms(
         if form.parameters():
             show_table("Parameters", [_row(parameter) for parameter in form.parameters()])
         for parameter in form.parameters():
-            stated = {choice: form(**{parameter.name: choice}).stated() for choice in parameter.choices}
+            stated = _equations(form, parameter)
             if len(set(stated.values())) > 1:
                 rows = [{parameter.name: choice, "equation": equation} for choice, equation in stated.items()]
                 show_table(f"Equation, by {parameter.name}", rows)
@@ -63,6 +64,15 @@ def _headline(form: type[Mechanism]) -> str:
     """The first paragraph of its docstring, unless dataclass generated that."""
     about = inspect.getdoc(form) or ""
     return "" if about.startswith(f"{form.__name__}(") else about.partition("\n\n")[0].replace("\n", " ")
+
+
+def _equations(form: type[Mechanism], parameter: Parameter) -> dict[str, str]:
+    """By each choice of a setting, but for those that ask for others beside them."""
+    found = {}
+    for choice in parameter.choices:
+        with contextlib.suppress(InputError):
+            found[choice] = form(**{parameter.name: choice}).stated()
+    return found
 
 
 def _row(parameter: Parameter) -> dict[str, str]:
