@@ -108,22 +108,27 @@ class Case:
         """Columns of which the recorded output is the rate of change or the integral."""
         return () if self.turns else identities(data, self.recorded, self.request.unit)
 
-    def question(
+    def baseline(
         self, recordings: Sequence[Recording], beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
-    ) -> Question:
-        """The data, the regions that are weighed, and the simulator calibrated as :meth:`Baseline.calibrated` does."""
-        data, simulator = self.data(recordings), self.runs.base
+    ) -> Baseline:
+        """The simulator calibrated as :meth:`Baseline.calibrated` does, with the likeliest columns of what the engine computes."""
+        data = self.data(recordings)
         data.require_windows()
-        baseline = Baseline.calibrated(simulator, data, beside, wrong)
+        found = Baseline.calibrated(self.runs.base, data, beside, wrong)
+        return found if self.turns else found.with_own(own_bases(self._setting(data), self._present), data, beside)
+
+    def question(self, recordings: Sequence[Recording], baseline: Baseline | None = None) -> Question:
+        """The data and the regions that are weighed beside a simulator, which is calibrated where none is given."""
+        baseline = self.baseline(recordings) if baseline is None else baseline
+        data = self.data(recordings)
+        own: Sequence[Mapping[str, Basis]] = []
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))
-            data, own = with_angle_rows(data, bases_of(regions), self.output), []
+            data = with_angle_rows(data, bases_of(regions), self.output)
         else:
-            setting = Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
-            present = [mechanism.name for mechanism in simulator.mechanisms]
-            own = own_bases(setting, present)
-            baseline = baseline.with_own(own, data, beside)
-            regions = list(named(setting, self.candidates, present))
+            setting = self._setting(data)
+            own = own_bases(setting, self._present)
+            regions = list(named(setting, self.candidates, self._present))
             regions += list(laws(setting, regions))
         data = baseline.less_stated(data)
         bank = Bank(data, baseline.design(data), None if self.turns else baseline)
@@ -131,6 +136,13 @@ class Case:
         regions = list(_without_own_laws(regions, bank, baseline, own))
         regions = without_identities([*regions, *nuisances(data, baseline), *clocks], self.identities(data))
         return Question(bank, regions, baseline)
+
+    def _setting(self, data: Data) -> Setting:
+        return Setting(data, Driver.of(data, _thermometer(data, self.runs.train[0])))
+
+    @property
+    def _present(self) -> list[str]:
+        return [mechanism.name for mechanism in self.runs.base.mechanisms]
 
 
 def _without_own_laws(

@@ -83,7 +83,7 @@ def _begun(case: Case, question: Question, recordings: Sequence[Recording]) -> Q
             point = Evidence(renewed_bank, noise, 0.0).log_evidence(state.members) + prior
             if point > top:
                 likeliest, top = beside, point
-    return question if likeliest is None else case.question(recordings, likeliest)
+    return question if likeliest is None else case.question(recordings, case.baseline(recordings, likeliest))
 
 
 def _settled(
@@ -118,9 +118,8 @@ def _beside(case: Case, state: State, question: Question, recordings: Sequence[R
     """
     if not _calibrates(case, question.baseline, state):
         return None
-    again = case.question(recordings, columns_beside(state, question.bank), wrong_amplitudes(state))
-    before, now = question.baseline, again.baseline
-    return None if (now.simulator, now.own) == (before.simulator, before.own) else again
+    before, now = question.baseline, case.baseline(recordings, columns_beside(state, question.bank), wrong_amplitudes(state))
+    return None if (now.simulator, now.own) == (before.simulator, before.own) else case.question(recordings, now)
 
 
 def _calibrates(case: Case, baseline: Baseline, state: State) -> bool:

@@ -27,7 +27,6 @@ import numpy.typing as npt
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.bouc_wen_loops import BOUC_WEN, bouc_wen, bouc_wen_constants, bouc_wen_linear
-from rlgcomp.numerics.compiled import available
 from rlgcomp.numerics.hysteresis_loops import pays, play_states, relaxed
 
 Array = npt.NDArray[np.float64]
@@ -70,7 +69,7 @@ class Play:
 
     def run(self, state: Array, u: Array) -> tuple[Array, Array]:
         """States after each input, shape (n, radii), and the last of them."""
-        if len(self.radii) >= _TOGETHER or pays(len(u) * len(self.radii)):
+        if len(self.radii) >= _TOGETHER or pays(len(u) * len(self.radii), play_states):
             states = play_paths(u[:, None], np.array(self.radii), np.asarray(state))
             return states, (states[-1].copy() if len(u) else state)
         states = np.empty((len(u), len(self.radii)))
@@ -99,7 +98,7 @@ def play_paths(u: Array, radii: Array, start: Array) -> Array:
         In the input's unit.
     """
     states = np.empty((len(u), len(radii)))
-    if pays(states.size) or (play_states.ready and available()):
+    if pays(states.size, play_states):
         play_states(np.ascontiguousarray(u), np.ascontiguousarray(radii), np.ascontiguousarray(start), states)
         return states
     now = start
@@ -273,7 +272,7 @@ def middles_of_steps(u: Array) -> Array:
 def _relaxed_from(z: float, keep: Array, toward: Array, updates: int) -> Array:
     """States of a first-order recurrence from one, compiled where that pays for so many updates in all."""
     output = np.empty(len(keep))
-    if pays(updates):
+    if pays(updates, relaxed):
         relaxed(z, keep, np.ascontiguousarray(toward), output)
     else:
         relaxed.plain(z, keep.tolist(), toward.tolist(), output)

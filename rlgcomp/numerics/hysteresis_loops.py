@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.errors import InputError
-from rlgcomp.numerics.compiled import available, compiled, in_threads, loaded, threads
+from rlgcomp.numerics.compiled import Compiled, available, compiled, in_threads, loaded, threads
 
 Array = npt.NDArray[np.float64]
 MANY: Final = 100_000  # updates of an operator from which compiling pays
@@ -22,9 +22,9 @@ LARGE: Final = 1 << 23  # bytes from which an array's pages are new
 _PAGE: Final = 1 << 12  # bytes, the least that a page may have
 
 
-def pays(updates: int) -> bool:
-    """Whether so many updates are worth a compiled loop that gives the same bits as the plain one."""
-    return updates >= (_LOADED if loaded() else MANY) and available()
+def pays(updates: int, loop: Compiled | None = None) -> bool:
+    """Whether so many updates are worth a compiled loop that gives the same bits as the plain one; always, once it is compiled."""
+    return (updates >= MANY or (loop is not None and loop.ready) or (updates >= _LOADED and loaded())) and available()
 
 
 def play_sums(u: Array, radii: Array, weights: Array, start: Array, workers: int | None = None) -> Array:

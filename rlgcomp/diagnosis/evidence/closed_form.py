@@ -27,6 +27,7 @@ from rlgcomp.diagnosis.forms.terms import Form
 from rlgcomp.diagnosis.noise.errors import Errors, errors_of
 from rlgcomp.diagnosis.noise.model import Noise
 from rlgcomp.diagnosis.regions.lateness import Late, Prediction
+from rlgcomp.numerics.bordered_factors import completed
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -349,7 +350,7 @@ class Conditional:
             np.multiply(own, squares[:, None, None, None], out=gram)
             np.multiply(v_own, priors.SIZES[:, None, None], out=vector)
         stack[..., width, width] = np.maximum(square, _LEAST * self.square)[:, None]
-        log_dets, left_over = _completed(stack)
+        log_dets, left_over = completed(stack)
         return np.asarray(self.of(log_dets + log_det[:, None], np.maximum(left_over, _LEAST * self.square))).T
 
     def of_changes(self, log_det: Array, fallen: Array) -> Array:
@@ -362,31 +363,6 @@ def _solved(root: Array, right: Array) -> Array:
     from scipy.linalg import solve_triangular
 
     return np.asarray(solve_triangular(root, right, lower=True, check_finite=False)) if len(root) else right
-
-
-def _completed(stack: Array) -> tuple[Array, Array]:
-    """Log determinants of I + G, and what squares q fall to, q - vᵀ (I + G)⁻¹ v: by one Cholesky factor of both.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (..., m + 1, m + 1)
-        G, and v and q in the last row; changed. What is right of the diagonal is not read.
-    """
-    width = stack.shape[-1] - 1
-    gram, vector, square = stack[..., :width, :width], stack[..., width, :width], stack[..., width, width]
-    if width == 1:
-        grown = np.maximum(1.0 + gram[..., 0, 0], 1.0)
-        return np.log(grown), square - vector[..., 0] ** 2 / grown
-    diagonal = np.einsum("...ii->...i", gram)  # a view
-    diagonal += 1.0
-    try:
-        pivots = np.diagonal(np.linalg.cholesky(stack), axis1=-2, axis2=-1)
-    except np.linalg.LinAlgError:
-        roots = cholesky_roots(gram)
-        half = np.linalg.solve(roots, vector[..., None])[..., 0]
-        log_det = 2.0 * np.sum(np.log(np.diagonal(roots, axis1=-2, axis2=-1)), axis=-1)
-        return log_det, square - np.sum(half**2, axis=-1)
-    return 2.0 * np.sum(np.log(pivots[..., :width]), axis=-1), pivots[..., width] ** 2
 
 
 def cholesky_roots(schur: Array) -> Array:

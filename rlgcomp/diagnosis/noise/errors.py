@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -130,7 +130,7 @@ def _blocks(errors: Errors) -> tuple[Array, ...]:
     return tuple(found)
 
 
-def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[object], variance: float) -> Errors:
+def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Sequence[Hashable], variance: float) -> Errors:
     """Errors that drivers bring into a prediction.
 
     Parameters
@@ -138,14 +138,13 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
     data : Data
     predicted : callable
         Of a run, the output on its bins, shape (bins,).
-    parts : iterable of object
+    parts : sequence of hashable
         What the prediction is made of, in which columns and rates of change are looked for.
     variance : float
         Of the white noise of a window mean, in the unit of the output.
     """
-    found = list(within(list(parts)))
-    columns = columns_of(found, data)
-    rates = dict.fromkeys(one for one in found if isinstance(one, Path) and one.memory == "rate")
+    columns = columns_of(parts, data)
+    rates = dict.fromkeys(one for part in parts for one in _read_by(part) if isinstance(one, Path) and one.memory == "rate")
     sd = math.sqrt(variance)
     of_runs = []
     for run in data.runs:
@@ -155,9 +154,9 @@ def errors_of(data: Data, predicted: Callable[[Run], Array], parts: Iterable[obj
     return Errors(tuple(len(run.output) for run in data.runs), tuple(of_runs))
 
 
-def columns_of(parts: Iterable[object], data: Data) -> tuple[str, ...]:
+def columns_of(parts: Iterable[Hashable], data: Data) -> tuple[str, ...]:
     """Recorded columns that vary among those that some parts read."""
-    found = (column for one in within(list(parts)) for column in _columns(one, data.runs[0].binned))
+    found = (column for part in parts for one in _read_by(part) for column in _columns(one, data.runs[0].binned))
     return tuple(dict.fromkeys(column for column in found if column in data.columns))
 
 
@@ -222,15 +221,22 @@ def _alike(run: Run, step: float, values: Array) -> Array:
 
 def _of_rate(run: Run, predicted: Callable[[Run], Array], rate: Path) -> Source:
     """What errors of a slope bring."""
-    values = rate.values(run)
-    up, down = (
-        predicted(dataclasses.replace(run, cache=run.cache | {rate: values + side}, derived={})) for side in (_MOVED, -_MOVED)
-    )
-    scale = run.means((up - down) / (2.0 * _MOVED)) / (rate.driver.half * rate.half)
+    above, below = _steeper(run, rate)
+    scale = run.means((predicted(above) - predicted(below)) / (2.0 * _MOVED)) / (rate.driver.half * rate.half)
     key = ("slope", rate)
     if key not in run.derived:
         run.derived[key] = _of_slopes(run, rate)
     return scale, run.derived[key]
+
+
+def _steeper(run: Run, rate: Path) -> tuple[Run, Run]:
+    """The run with a rate that is more, and less; made once."""
+    key = ("steeper", rate)
+    if key not in run.derived:
+        caches = (run.cache | {rate: rate.values(run) + side} for side in (_MOVED, -_MOVED))
+        run.derived[key] = tuple(dataclasses.replace(run, cache=cache, derived={}) for cache in caches)
+    above, below = run.derived[key]
+    return above, below
 
 
 def _of_slopes(run: Run, rate: Path) -> Array:
@@ -276,6 +282,16 @@ def _covariances(run: Run, column: str) -> tuple[Array, Array] | None:
         run.derived[key] = None if found is None else tuple(one[np.ix_(run.full, run.full)] for one in found)
     covariances: tuple[Array, Array] | None = run.derived[key]
     return covariances
+
+
+def _read_by(part: Hashable) -> tuple[Driver | Path | Mechanism, ...]:
+    """Drivers, paths and mechanisms within a part of a prediction."""
+    return (part,) if isinstance(part, Mechanism) else _read_by_basis(part)
+
+
+@functools.lru_cache(maxsize=4096)
+def _read_by_basis(basis: Hashable) -> tuple[Driver | Path | Mechanism, ...]:
+    return tuple(one for one in within(basis) if isinstance(one, Driver | Path | Mechanism))
 
 
 def within(one: object) -> Iterator[Any]:

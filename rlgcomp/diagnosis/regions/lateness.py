@@ -55,12 +55,19 @@ class Prediction:
     numbers: Array
     parts: tuple[tuple[Basis, Array], ...]
     lags: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    _recorded: dict[str, Array] = dataclasses.field(default_factory=dict, repr=False)
 
     def values(self, run: Run) -> Array:
         """On the bins of a run, shape (bins,)."""
         stated, columns = self._of_baseline(run)
         total = stated + columns @ self.numbers
         return np.asarray(sum((basis.weighted(run, w) for basis, w in self.parts), total))
+
+    def as_recorded(self, run: Run) -> Array:
+        """The same of a run with its columns as they were recorded; made once."""
+        if run.name not in self._recorded:
+            self._recorded[run.name] = self.values(run)
+        return self._recorded[run.name]
 
     def _of_baseline(self, run: Run) -> tuple[Array, Array]:
         """What the baseline states and its free columns; made once in a run."""
@@ -74,7 +81,7 @@ class Prediction:
     @property
     def made_of(self) -> tuple[object, ...]:
         """What columns and rates of change are looked for in."""
-        return self.baseline.simulator.mechanisms, self.baseline.own, [basis for basis, _ in self.parts]
+        return *self.baseline.simulator.mechanisms, *self.baseline.own.values(), *(basis for basis, _ in self.parts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +108,7 @@ class Late(Basis):
         return self.rate.driver.columns[0]
 
     def columns(self, run: Run) -> Array:
-        return (self.prediction.values(self._earlier(run)) - self.prediction.values(run))[:, None] / self.move
+        return (self.prediction.values(self._earlier(run)) - self.prediction.as_recorded(run))[:, None] / self.move
 
     def _earlier(self, run: Run) -> Run:
         """The run with an earlier column; made once, for it keeps columns of bases."""
@@ -133,7 +140,7 @@ def late_bases(data: Data, region: Region, prediction: Prediction) -> list[Late]
     if not is_thermometer(driver.columns[0]):
         rates = list(dict.fromkeys([*rates, Path.rate_over(data, driver, _QUICKEST_RATE)]))
         move = min(max(prediction.lags.get(driver.columns[0], _MOVE), _LEAST_MOVE), priors.LATE_MONITOR[1])
-    alone = dataclasses.replace(prediction, parts=())
+    alone = dataclasses.replace(prediction, parts=(), _recorded={})
     of = (prediction, alone) if prediction.parts else (prediction,)
     return [Late(rate, one, move) for one in of for rate in rates]
 
