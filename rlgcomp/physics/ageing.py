@@ -11,7 +11,6 @@ from rlgcomp.physics.mechanism import Array, Mechanism, amplitude, setting
 from rlgcomp.recording import Recording
 from rlgcomp.units import SECONDS_PER_DAY
 
-
 _EQUATIONS: Final = {"start": "b = k_deg_h_day * t", "clock": "b = k_deg_h_day * (time_s - begun_s)"}
 
 
