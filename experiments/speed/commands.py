@@ -1,4 +1,4 @@
-"""Whole commands, each in processes of its own, start included: fleets, the demo, a calibration, a turning run, a diagnosis."""
+"""Whole commands in processes of their own, start included: fleets, the demo, a calibration, a turning run, diagnoses."""
 
 from __future__ import annotations
 
@@ -156,13 +156,30 @@ def _diagnose_longer(short: bool) -> Case:
 
 
 def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
+    file, files = _written(simulator, runs)
+    return _command_on(runs, "diagnose", "--simulator", file, "--train", *files[:-1], "--test", files[-1])
+
+
+def _sensitivity(quick: bool) -> Case:
+    simulator, runs = simulated_case("short" if quick else "whole")
+    file, files = _written(simulator, runs[:2])
+    fewer = ("--draws", 1, "--strengths", "0.4,1.6") if quick else ()
+    return _command_on(runs[:2], "sensitivity", file, *files, "--mechanism", "supply_voltage", "--jobs", 2, *fewer)
+
+
+def _written(simulator: Simulator, runs: Sequence[Recording]) -> tuple[Path, list[Path]]:
+    """Files of a simulator and of runs."""
     folder = folder_of_data()
     simulator.to_yaml(folder / "sim.yaml")
     files = [folder / f"run-{k}.parquet" for k in range(len(runs))]
     for path, run in zip(files, runs, strict=True):
         write(run, path)
-    arguments = ["diagnose", "--simulator", folder / "sim.yaml", "--train", *files[:-1], "--test", files[-1]]
-    places = (folder / f"out-{k}" for k in itertools.count())
+    return folder / "sim.yaml", files
+
+
+def _command_on(runs: Sequence[Recording], *arguments: object) -> Case:
+    """A command that reads runs and writes a folder."""
+    places = (folder_of_data() / "out" for _ in itertools.count())
     return Case(lambda: timed_command(*arguments, "--out", next(places)), size=size_text(runs), n=sum(map(len, runs)))
 
 
@@ -173,5 +190,6 @@ ROWS: Final = (
     Row("demo", "rlgcomp demo", _demo),
     Row("calibrate", "rlgcomp calibrate, report included", _calibration),
     Row("arw", "rlgcomp arw, pictures included", _turning),
-    Row("diagnose-command", "rlgcomp diagnose, report included", _diagnose, threads=2, goal_s=10.0, grown=_diagnose_longer),
+    Row("diagnose-command", "rlgcomp diagnose, report included", _diagnose, threads=2, goal_s=8.0, grown=_diagnose_longer),
+    Row("sensitivity", "rlgcomp sensitivity, thirty trials by two workers", _sensitivity, threads=2, goal_s=60.0, long=True),
 )

@@ -118,6 +118,6 @@ def _diagnosis_of(simulator: Simulator, runs: Sequence[Recording]) -> Case:
 
 ROWS: Final = (
     Row("predict", "one prediction at a time", _prediction, goal_s=CALLS * 10e-6),
-    Row("diagnose", "whole diagnosis, runs at 1 Hz", _diagnosis, goal_s=10.0, grown=_diagnosis_longer),
+    Row("diagnose", "whole diagnosis, runs at 1 Hz", _diagnosis, goal_s=5.0, grown=_diagnosis_longer),
     Row("diagnose-table", "whole diagnosis, a table at 100 Hz", _diagnosis_of_a_table, goal_s=20.0),
 )
