@@ -12,8 +12,9 @@ import pytest
 import rlgcomp as rlg
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.user import require_computable, user_catalogue
-from rlgcomp.recording.argument_checks import require_held_out
+from rlgcomp.recording.argument_checks import require_held_out, told_apart
 from tests.few_monitors import few_monitors
+from tests.two_hour_runs import BASELINE, runs_of
 
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
 OWN = """
@@ -255,3 +256,25 @@ def test_a_held_out_run_is_sampled_at_half_the_rate_or_refused_where_no_window_i
     assert found.test.baseline_rms == pytest.approx(found.train.baseline_rms, rel=0.15)  # of means over the same time
     with pytest.raises(rlg.InputError, match=r"slowest: no window of .* s is full: its samples are 120 s apart"):
         rlg.diagnose(unit, [run], test=[unit.simulate("short", seed=3, step_s=120.0, name="slowest")], only=["warm_up"])
+
+
+def test_recordings_without_names_are_told_apart() -> None:
+    """Each has the same name by default; a bias of one of them is that of one of them."""
+    first, second = runs_of(
+        rlg.Simulator.from_mapping(BASELINE.to_mapping() | {"noise": {"angle_random_walk_deg_sqrt_h": 0.0005}}), 2
+    )
+    tables = first.table, second.table.assign(gyro_deg_h=second.table["gyro_deg_h"] + 0.05)
+    runs = [rlg.recording(table) for table in tables]
+    found = rlg.diagnose(BASELINE, runs, only=["supply_voltage"], window_s=400.0, black_box=False)
+    assert found.verdict == "none"
+    (remark,) = (one for one in found.remarks if one.code == "diagnosis.run_biases")
+    biases = remark.data["biases"]
+    assert biases["train[1]"] - biases["train[0]"] == pytest.approx(0.05, abs=0.005)
+
+
+def test_places_are_names_of_those_alone_that_share_one() -> None:
+    runs = runs_of(BASELINE, 2)
+    same = [run.replace(name="recording") for run in runs]
+    named = told_apart({"train": [*same, runs[1]], "test": same[:1]})
+    assert [[run.name for run in part] for part in named] == [["train[0]", "train[1]", runs[1].name], ["test[0]"]]
+    assert all(run.table.equals(other.table) for run, other in zip([*same, runs[1], same[0]], [*named[0], *named[1]], strict=True))

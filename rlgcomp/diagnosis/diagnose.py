@@ -27,7 +27,7 @@ from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.user import require_computable
 from rlgcomp.recording import Recording
-from rlgcomp.recording.argument_checks import require_recordings, require_seed
+from rlgcomp.recording.argument_checks import require_recordings, require_seed, told_apart
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import display_unit
 
@@ -102,6 +102,7 @@ def diagnose(
     """
     train, test = require_recordings(train, "train"), require_recordings(test, "test") if test else []
     confirm, seed = require_recordings(confirm, "confirm") if confirm else [], require_seed(seed)
+    train, confirm, test = told_apart({"train": train, "confirm": confirm, "test": test})
     tell = progress or (lambda fraction: None)
     candidates = _candidates(mechanisms, without, only)
     runs = Prepared.of(simulator, simulated, train, confirm, test, gyro=gyro, output=output)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +19,7 @@ _FEWEST: Final = 10  # common rows
 
 
 def require_recordings(argument: Any, name: str) -> list[Recording]:
-    """A list of recordings, from any iterable of recordings and tables.
+    """A list of recordings, from any iterable of recordings and tables; those of one name are renamed to their places, `train[0]`.
 
     Parameters
     ----------
@@ -39,7 +39,8 @@ def require_recordings(argument: Any, name: str) -> list[Recording]:
         raise InputError(f"{name} is one table, a {type(argument).__name__}; it must be a list of recordings: give [{name}]")
     if not isinstance(argument, Iterable):
         return [require_recording(argument, name)]
-    return [require_recording(one, f"{name}[{k}]") for k, one in enumerate(argument)]
+    runs = [require_recording(one, f"{name}[{k}]") for k, one in enumerate(argument)]
+    return told_apart({name: runs})[0]
 
 
 def require_recording(argument: Any, name: str) -> Recording:
@@ -79,6 +80,19 @@ def share_rows(one: Recording, other: Recording) -> bool:
     apart = np.abs(values - other.column(column)[other.scored][theirs])
     allowed = min(_ROUNDED * np.ptp(values), _OF_NOISE * np.median(np.abs(np.diff(values, 5))))
     return bool(np.ptp(values) > 0.0 and apart.max() <= allowed)
+
+
+def told_apart(parts: Mapping[str, Sequence[Recording]]) -> list[list[Recording]]:
+    """Lists of recordings, those of one name renamed to their places, as `train[0]`.
+
+    Parameters
+    ----------
+    parts : mapping of str to sequence of Recording
+        By the name of the argument.
+    """
+    places = [f"{name}[{k}]" for name, runs in parts.items() for k in range(len(runs))]
+    named = iter(with_distinct_names(places, [run for runs in parts.values() for run in runs]))
+    return [list(itertools.islice(named, len(runs))) for runs in parts.values()]
 
 
 def with_distinct_names(specs: Sequence[str], runs: Sequence[Recording]) -> list[Recording]:

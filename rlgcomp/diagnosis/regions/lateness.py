@@ -55,7 +55,7 @@ class Prediction:
     numbers: Array
     parts: tuple[tuple[Basis, Array], ...]
     lags: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    _recorded: dict[str, Array] = dataclasses.field(default_factory=dict, repr=False)
+    _recorded: dict[Run, Array] = dataclasses.field(default_factory=dict, repr=False)
 
     def values(self, run: Run) -> Array:
         """On the bins of a run, shape (bins,)."""
@@ -65,9 +65,9 @@ class Prediction:
 
     def as_recorded(self, run: Run) -> Array:
         """The same of a run with its columns as they were recorded; made once."""
-        if run.name not in self._recorded:
-            self._recorded[run.name] = self.values(run)
-        return self._recorded[run.name]
+        if run not in self._recorded:
+            self._recorded[run] = self.values(run)
+        return self._recorded[run]
 
     def _of_baseline(self, run: Run) -> tuple[Array, Array]:
         """What the baseline states and its free columns; made once in a run."""
