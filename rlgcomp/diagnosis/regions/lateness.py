@@ -81,7 +81,7 @@ class Prediction:
     @property
     def made_of(self) -> tuple[object, ...]:
         """What columns and rates of change are looked for in."""
-        return *self.baseline.simulator.mechanisms, *self.baseline.own.values(), *(basis for basis, _ in self.parts)
+        return *self.baseline.simulator.mechanisms, *(basis for basis, _ in self.parts)
 
 
 @dataclasses.dataclass(frozen=True)
