@@ -112,15 +112,17 @@ class Case:
         self, recordings: Sequence[Recording], beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None
     ) -> Baseline:
         """The simulator calibrated as :meth:`Baseline.calibrated` does, with the likeliest columns of what the engine computes."""
-        data = self.data(recordings)
+        return self._calibrated(self.data(recordings), beside, wrong)
+
+    def _calibrated(self, data: Data, beside: Array | None = None, wrong: Mapping[str, Collection[str]] | None = None) -> Baseline:
         data.require_windows()
         found = Baseline.calibrated(self.runs.base, data, beside, wrong)
         return found if self.turns else found.with_own(own_bases(self._setting(data), self._present), data, beside)
 
     def question(self, recordings: Sequence[Recording], baseline: Baseline | None = None) -> Question:
         """The data and the regions that are weighed beside a simulator, which is calibrated where none is given."""
-        baseline = self.baseline(recordings) if baseline is None else baseline
         data = self.data(recordings)
+        baseline = self._calibrated(data) if baseline is None else baseline
         own: Sequence[Mapping[str, Basis]] = []
         if self.turns:
             regions = list(turning_regions(data, self.candidates, baseline, thermometer_of(self.runs.train[0])))

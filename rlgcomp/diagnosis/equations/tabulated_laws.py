@@ -133,7 +133,7 @@ def _of_late(fit: Fit, late: Late, lag: float, cause: str) -> tuple[list[Tabulat
             functions.append((basis, weights * lag * fit.data.runs[0].grid.bins))
         elif late.column in columns_of([basis], fit.data):
             return [], False
-    if late.column in columns_of(dataclasses.replace(prediction, parts=()).made_of, fit.data):
+    if late.column in columns_of(prediction.baseline.simulator.mechanisms, fit.data):
         return [], False
     tables, whole = laws_of(fit, functions, cause)
     return [dataclasses.replace(table, change="derivative") for table in tables], whole

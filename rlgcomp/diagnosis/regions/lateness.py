@@ -55,7 +55,7 @@ class Prediction:
     numbers: Array
     parts: tuple[tuple[Basis, Array], ...]
     lags: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    _recorded: dict[Run, Array] = dataclasses.field(default_factory=dict, repr=False)
+    _recorded: dict[Run, Array] = dataclasses.field(default_factory=dict, init=False, repr=False)
 
     def values(self, run: Run) -> Array:
         """On the bins of a run, shape (bins,)."""
@@ -140,7 +140,7 @@ def late_bases(data: Data, region: Region, prediction: Prediction) -> list[Late]
     if not is_thermometer(driver.columns[0]):
         rates = list(dict.fromkeys([*rates, Path.rate_over(data, driver, _QUICKEST_RATE)]))
         move = min(max(prediction.lags.get(driver.columns[0], _MOVE), _LEAST_MOVE), priors.LATE_MONITOR[1])
-    alone = dataclasses.replace(prediction, parts=(), _recorded={})
+    alone = dataclasses.replace(prediction, parts=())
     of = (prediction, alone) if prediction.parts else (prediction,)
     return [Late(rate, one, move) for one in of for rate in rates]
 
