@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.answer.fit import Estimate, Fit
 from rlgcomp.diagnosis.answer.posterior import Posterior
+from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.decide import Named
 from rlgcomp.diagnosis.equations import equations
 from rlgcomp.diagnosis.equations.functions import Function, function_of
@@ -22,6 +23,8 @@ from rlgcomp.diagnosis.equations.simulator_file import mechanisms_of
 from rlgcomp.diagnosis.equations.stated import equation_of
 from rlgcomp.diagnosis.equations.switches import Switch, switches_of
 from rlgcomp.diagnosis.equations.time_laws import time_law_of
+from rlgcomp.diagnosis.forms.terms import Form, Region
+from rlgcomp.diagnosis.noise.errors import columns_of
 from rlgcomp.diagnosis.regions.selections import amplitudes_have_a_mean, by_run, runs_of
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
@@ -205,7 +208,8 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
     form = fit.state.members[k].form
     mechanism = common["mechanism"]
     estimates: dict[str, Estimate]
-    of_catalogue = mechanism is not None and one.region == one.mechanism
+    drivers = _followed(region, form, fit.data)
+    of_catalogue = mechanism is not None and one.region == one.mechanism and drivers == region.drivers
     estimates, left = of_mechanism(fit, k, mechanism) if of_catalogue else ({}, ())
     named = bool(estimates)
     estimates = estimates or line_of(fit, k) or time_law_of(fit, k)
@@ -220,7 +224,7 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         approximate=bool(left),
         equation=equation_of(form, mechanism, tuple(estimates)),
         own_form=own_form,
-        drivers=region.drivers,
+        drivers=drivers,
         memory=region.memory,
         function=function_of(fit, k),
         rms=float(np.std(contribution)),
@@ -232,6 +236,12 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
         terms=functools.partial(mechanisms_of, fit, k, catalogue),
         **common,
     )
+
+
+def _followed(region: Region, form: Form, data: Data) -> tuple[str, ...]:
+    """Columns that a form follows: its region's, or others that measure the same."""
+    read = columns_of(form.lead, data)
+    return read if region.drivers and read and not set(read) & set(region.drivers) else region.drivers
 
 
 def _departure(fit: Fit, k: int, contribution: Array) -> float:

@@ -78,6 +78,8 @@ _FAMILIES: Final[Mapping[str, _Families]] = {
     "ageing": _Families(ageing, "none"),
 }
 _PAIRS: Final[Mapping[str, Combination]] = {"readout_incoherence": "contrast", "discharge_imbalance": "difference"}
+_MEASURED_BY: Final[Mapping[str, tuple[str, str]]] = {"light_intensity": ("readout_a_V", "readout_b_V")}
+"""Two columns whose mean measures what a mechanism follows as its own column does: both photodiodes see the same light."""
 
 
 def own_bases(setting: Setting, present: Sequence[str]) -> list[dict[str, Basis]]:
@@ -160,6 +162,9 @@ def _of_monitors(setting: Setting, key: str, log_odds: float, mechanism: type[Me
     if name in _PAIRS or (len(columns) == 1 and _is_a_line(mechanism, setting, columns[0])):
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
         families = monitor(path, setting.data)
+        pair = _MEASURED_BY.get(name, ())
+        if pair and all(column in setting.data.columns for column in pair):
+            families += monitor(Path(Driver.of(setting.data, *pair, combination="between", share=0.5)), setting.data)
         return Region(key, name, log_odds, forms_of(key, _beyond(families) if present else families), columns)
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
     smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)

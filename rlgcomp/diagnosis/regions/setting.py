@@ -49,7 +49,9 @@ class Setting:
 def departures(path: Path, data: Data | None = None, parity: int = 0) -> tuple[Basis, ...]:
     """Smooth functions of a path, even (1) or odd ones (-1) where a parity is asked for.
 
-    With the data, each of two columns by itself as well, for their sensors err each by its own.
+    With the data, each column of a difference or a mean as well: sensors of two gains give another one of the two. A contrast is
+    the same whatever both gains are, less a constant.
     """
-    each = path.driver.columns if data is not None and len(path.driver.columns) > 1 else ()
+    driver = path.driver
+    each = driver.columns if data is not None and driver.combination in ("difference", "between") else ()
     return (Smooth(path, 0.5, 8, parity), *(Power(Path(Driver.of(data, column))) for column in each if data is not None))
