@@ -42,6 +42,10 @@ JUMPS_ODDS: Final = 0.02
 BENT_ODDS: Final = 0.025
 """Odds that something unrecorded wanders and acts through a function that bends: half as usual as in proportion."""
 
+ANOTHER_PLACE: Final = 0.5
+"""Weight of forms of another thermometer than the one that the catalogue means by temperature: a sensor sits where it can be
+mounted, what reacts sits elsewhere."""
+
 # --- sizes ---------------------------------------------------------------------------------------------------------------------
 
 SIZES: Final = 0.2 * 3.0 ** np.arange(8)

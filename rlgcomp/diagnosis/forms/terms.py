@@ -159,6 +159,11 @@ class Family:
     own: tuple[Callable[[Basis], Basis], ...] = ()
 
 
+def weighted(families: Iterable[Family], weight: float) -> list[Family]:
+    """Families of so many times their weight."""
+    return [dataclasses.replace(family, weight=weight * family.weight) for family in families]
+
+
 def log_odds_of_more(members: int, more: int, places: int) -> float:
     r"""Log odds of a form with further members, each at one of some places: :math:`q^m (n + m)! / (n! N^m)`, m more beside n.
 

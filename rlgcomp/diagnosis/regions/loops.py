@@ -26,7 +26,8 @@ from rlgcomp.diagnosis.forms.memories import (
     Undecided,
     plane,
 )
-from rlgcomp.diagnosis.forms.terms import Family, Form, log_odds_of_more
+from rlgcomp.diagnosis.forms.terms import Family, Form, log_odds_of_more, weighted
+from rlgcomp.diagnosis.noise.errors import within
 from rlgcomp.diagnosis.regions.setting import Setting
 
 _DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3))  # radius and smoothness
@@ -122,7 +123,16 @@ def reversible(driver: Driver, levels: int) -> list[Family]:
 
 
 def hysteresis(setting: Setting) -> list[Family]:
-    """Of the temperature, as a sum of single relays as well."""
+    """Of the temperature, as a sum of single relays as well; of another place as of a monitor."""
+    others = [
+        family
+        for driver, _, weight in setting.places[1:]
+        for family in weighted(hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS, priors.LAW_RELAYS), weight)
+    ]
+    return [*_of_temperature(setting), *others]
+
+
+def _of_temperature(setting: Setting) -> list[Family]:
     driver = setting.temperature
     kin = _departures_of_loops(driver, priors.PREISACH_LEVELS)
     families = hysteresis_of(driver, setting.data.runs, priors.PREISACH_LEVELS, priors.RELAY_LEVELS)
@@ -176,15 +186,16 @@ def _single_relays(driver: Driver, runs: Sequence[Run], levels: int) -> tuple[Re
     return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up[wide], down[wide], strict=True))
 
 
-def more_relays(driver: Driver, runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
-    """Forms with one relay more."""
-    every = _single_relays(driver, runs, priors.FURTHER_RELAYS)
+def more_relays(drivers: Sequence[Driver], runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
+    """Forms with one relay more of their driver, which is one of these."""
+    every = {driver: _single_relays(driver, runs, priors.FURTHER_RELAYS) for driver in drivers}
 
     def grow(form: Form) -> Iterator[Form]:
         relays = sum(_is_single(basis) for basis in form.lead)
+        driver = next(one for one in drivers if one in within(form.lead))
         if relays < priors.MOST_STEPS:
             share = form.log_share + log_odds_of_more(relays, 1, priors.RELAYS)
-            for more in every:
+            for more in every[driver]:
                 if more not in form.lead:
                     yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
@@ -246,7 +257,8 @@ def with_relays(setting: Setting) -> Callable[[Form, Form], Form | None]:
 
     def absorb(form: Form, other: Form) -> Form | None:
         relays = [basis for basis in other.lead if isinstance(basis, Relays) and len(basis.up) == 1]
-        if len(relays) < len(other.lead) or any(relay.driver != setting.temperature for relay in relays):
+        drivers = {one for one in within((form.lead, other.lead)) if isinstance(one, Driver)}
+        if len(relays) < len(other.lead) or drivers != {setting.temperature}:
             return None
         own = [dataclasses.replace(one, up=relay.up, down=(_wide_enough(relay),)) for relay in relays]
         lead = tuple(dict.fromkeys((*form.lead, *own)))
@@ -317,9 +329,12 @@ _FLIGHT: Final = 2.0 / priors.THRESHOLDS  # of a ladder: were its dead bands wid
 
 def hops(setting: Setting) -> list[Family]:
     """Single hops, of a wide dead band as well, and ladders."""
-    driver = setting.temperature
+    return [family for driver, name, weight in setting.places for family in weighted(_hops_of(driver, name, setting), weight)]
+
+
+def _hops_of(driver: Driver, name: str, setting: Setting) -> list[Family]:
     levels = np.linspace(-1.0, 1.0, priors.THRESHOLDS + 2)[1:-1]
-    kin, begins = (Smooth(setting.thermal, 0.5, 8),), _begins(driver, setting.data.runs)
+    kin, begins = (Smooth(Path(driver), 0.5, 8),), _begins(driver, setting.data.runs)
     families = []
     for band in (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS):
         for start in SIDES if band else ("rested",):
@@ -327,19 +342,15 @@ def hops(setting: Setting) -> list[Family]:
             single = [
                 (dataclasses.replace(hop, up=(float(level),), down=(float(level - band),)),)
                 for level in levels
-                if start == "rested" or _begins_within(setting, level - band, level)
+                if start == "rested" or any(level - band < first < level for _, first in begins)
             ]
             families.append(
-                Family("b = step * relay(T; up at threshold, down at dead_band below)", single, kin, own=(Shift, Glitch))
+                Family(f"b = step * relay({name}; up at threshold, down at dead_band below)", single, kin, own=(Shift, Glitch))
             )
         if band < _FLIGHT:
             ladders = [(Relays(driver, tuple(levels.tolist()), tuple((levels - band).tolist())),)]
-            families.append(Family("b = ladder of relays of T, each with a level of its own", ladders, kin))
+            families.append(Family(f"b = ladder of relays of {name}, each with a level of its own", ladders, kin))
     return families
-
-
-def _begins_within(setting: Setting, low: float, high: float) -> bool:
-    return any(low < setting.temperature.values(run)[0] < high for run in setting.data.runs)
 
 
 def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:

@@ -32,6 +32,12 @@ class Setting:
         return tuple(Driver.of(self.data, column) for column in columns)
 
     @property
+    def places(self) -> tuple[tuple[Driver, str, float], ...]:
+        """Temperatures that a mechanism may follow, each with its symbol and weight: that of the catalogue first."""
+        others = ((driver, driver.symbol, priors.ANOTHER_PLACE) for driver in self.other_thermometers)
+        return (self.temperature, "T", 1.0), *others
+
+    @property
     def has_thermometer(self) -> bool:
         """Whether what stands for the temperature is one."""
         return is_thermometer(self.temperature.columns[0])

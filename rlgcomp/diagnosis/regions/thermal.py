@@ -7,12 +7,12 @@ import itertools
 from collections.abc import Callable, Iterator
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.forms.bases import Basis, Magnitude, Power, Shift, Smooth
+from rlgcomp.diagnosis.forms.bases import Magnitude, Power, Shift, Smooth
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.nonlinearities import Hinge, symmetric
 from rlgcomp.diagnosis.forms.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.forms.symmetries import about_zero
-from rlgcomp.diagnosis.forms.terms import Family, Form, log_odds_of_more
+from rlgcomp.diagnosis.forms.terms import Family, Form, log_odds_of_more, weighted
 from rlgcomp.diagnosis.regions.setting import Setting, departures
 from rlgcomp.units import is_thermometer
 
@@ -28,38 +28,41 @@ def static(setting: Setting) -> list[Family]:
 
 
 def rate(setting: Setting) -> list[Family]:
-    rate = Path.rate(setting.data, setting.temperature)
-    leads: list[tuple[Basis, ...]] = [(Power(one),) for one in Path.rates(setting.data, setting.temperature)]
-    odd = departures(rate, parity=-1)
-    return [
-        Family("b = k dT/dt", leads, odd, 2.0, (Shift,)),
-        Family("b = odd function of dT/dt", [(Power(rate), Smooth(rate, parity=-1))], odd, 1.0, (Shift,)),
-        *symmetric(Path.rates(setting.data, setting.temperature), odd, (Shift,)),
-    ]
+    """Of the block, or of another place that has a thermometer, as all that follow."""
+    families = []
+    for driver, name, weight in setting.places:
+        rate, rates = Path.rate(setting.data, driver), Path.rates(setting.data, driver)
+        odd = departures(rate, parity=-1)
+        families += [
+            Family(f"b = k d{name}/dt", [(Power(one),) for one in rates], odd, 2.0 * weight, (Shift,)),
+            Family(f"b = odd function of d{name}/dt", [(Power(rate), Smooth(rate, parity=-1))], odd, weight, (Shift,)),
+            *weighted(symmetric(rates, odd, (Shift,)), weight),
+        ]
+    return families
 
 
 def rate_magnitude(setting: Setting) -> list[Family]:
     """Of the magnitude alone, or of heating or cooling alone; a coefficient for each is the rate beside its magnitude."""
-    rate, rates = Path.rate(setting.data, setting.temperature), Path.rates(setting.data, setting.temperature)
-    leads: list[tuple[Basis, ...]] = [(Magnitude(one),) for one in rates]
-    heating, cooling = ([(Hinge(one, 0.0, side, fixed=True),) for one in rates] for side in (1, -1))
-    even = departures(rate, parity=1)
-    return [
-        Family("b = k |dT/dt|", leads, even, 2.0, (Shift,)),
-        Family("b = even function of dT/dt", [(Magnitude(rate), Smooth(rate, parity=1))], even, 1.0, (Shift,)),
-        Family("b = k max(dT/dt, 0)", heating, (), 0.25, (Shift,)),
-        Family("b = k max(-dT/dt, 0)", cooling, (), 0.25, (Shift,)),
-        *symmetric(Path.rates(setting.data, setting.temperature), even, (Shift,), even=True),
-    ]
+    families = []
+    for driver, name, weight in setting.places:
+        rate, rates = Path.rate(setting.data, driver), Path.rates(setting.data, driver)
+        heating, cooling = ([(Hinge(one, 0.0, side, fixed=True),) for one in rates] for side in (1, -1))
+        even = departures(rate, parity=1)
+        families += [
+            Family(f"b = k |d{name}/dt|", [(Magnitude(one),) for one in rates], even, 2.0 * weight, (Shift,)),
+            Family(f"b = even function of d{name}/dt", [(Magnitude(rate), Smooth(rate, parity=1))], even, weight, (Shift,)),
+            Family(f"b = k max(d{name}/dt, 0)", heating, (), 0.25 * weight, (Shift,)),
+            Family(f"b = k max(-d{name}/dt, 0)", cooling, (), 0.25 * weight, (Shift,)),
+            *weighted(symmetric(rates, even, (Shift,), even=True), weight),
+        ]
+    return families
 
 
 def lags(setting: Setting) -> list[Family]:
-    """Of the block, or of another place that has a thermometer."""
     families, shortest_s = [], priors.SHORTEST_LAG * setting.data.runs[0].grid.window_s
-    for driver in (setting.temperature, *setting.other_thermometers):
-        times, longest_s = setting.time_constants_s(1.5), setting.data.longest_s
-        name = "T" if driver == setting.temperature else driver.symbol
-        ratio, weight = times[1] / times[0], 1.0 if driver == setting.temperature else 0.5
+    times, longest_s = setting.time_constants_s(1.5), setting.data.longest_s
+    ratio = times[1] / times[0]
+    for driver, name, weight in setting.places:
         freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
         families += [
             Family(
