@@ -57,7 +57,6 @@ def test_of_the_shell_a_mechanism_bears_its_name_and_says_where(name: str) -> No
     (finding,) = found.to_mapping()["findings"]
     assert (finding["mechanism"], finding["drivers"]) == (name, [SHELL])
     assert finding["probability"] > 0.98
-    left, before = (
-        float(np.std(one.predict(runs[3]).rate_deg_h() - runs[3].rate_deg_h())) for one in (found.augmented, found.calibrated)
-    )
+    recorded = runs[3].rate_deg_h()
+    left, before = (float(np.std(one.predict(runs[3]).rate_deg_h() - recorded)) for one in (found.augmented, found.calibrated))
     assert left < 0.022 < before
