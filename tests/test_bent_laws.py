@@ -153,3 +153,25 @@ def test_a_bend_after_two_lags_is_a_thermal_lag() -> None:
     assert found.test is not None
     assert found.test.augmented_rms < 0.2 * found.test.baseline_rms
     assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
+
+
+def test_a_coefficient_of_the_rate_may_follow_the_temperature() -> None:
+    """It is the rate alone, and the file that is written predicts with it."""
+    line = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 1}}]}
+    simulator = rlg.Simulator.from_mapping(line | {"noise": {"angle_random_walk_deg_sqrt_h": 5e-4}})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
+        warm, rate_K_min = (
+            run.column("temperature_block_degC") - 20.0,
+            60.0 * np.gradient(run.column("temperature_block_degC"), 10.0),
+        )
+        answer = 0.02 * (1.0 + 0.05 * warm) * rate_K_min
+        table = run.table.assign(gyro_deg_h=run.rate_deg_h() + answer)
+        runs.append(few_monitors(run.replace(table=table, truth=None), "humidity_percent"))
+    found = diagnose(rlg.Simulator.from_mapping(line), runs[::2], runs[1:2], black_box=False)
+    (finding,) = found.to_mapping()["findings"]
+    assert (finding["mechanism"], finding["equation"]) == ("temperature_rate", "b = (k + a T) dT/dt")
+    assert found.test is not None
+    assert found.test.augmented_rms < 1.1 * found.test.noise_floor_rms
+    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.02)

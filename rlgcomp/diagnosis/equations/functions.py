@@ -12,13 +12,12 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis.answer.fit import Fit
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.forms.bases import Basis, EachRun
+from rlgcomp.diagnosis.forms.bases import Basis, EachRun, Times
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.memories import Curves, Followed, Plays, Preisach, Relays
 from rlgcomp.diagnosis.forms.relaxations import Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.forms.times import Since, SmoothSince
 from rlgcomp.diagnosis.regions.selections import OnlyIn, by_run, in_all_runs, runs_of
-from rlgcomp.diagnosis.regions.turntable import TimesRate
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
@@ -79,9 +78,9 @@ def function_of(fit: Fit, k: int) -> Function | None:
 
 
 def means_over(fit: Fit, k: int, table: Function, run: Run) -> Array | None:
-    """Window means of what the k-th member's table is over; None of a response, and of a term that is times the rate of a table."""
+    """Window means of what the k-th member's table is over; None of a response, and of a term that is times another path."""
     lead: Any = in_all_runs(fit.parts[k][1][0][0])
-    if table.kind == "response" or isinstance(lead, TimesRate):
+    if table.kind == "response" or isinstance(lead, Times):
         return None
     if table.kind == "time":
         return run.window_means(run.elapsed_s)
@@ -91,8 +90,8 @@ def means_over(fit: Fit, k: int, table: Function, run: Run) -> Array | None:
 
 
 def _plain(basis: Basis) -> Basis:
-    """A basis without its selection of runs, and without the factor of the rate."""
-    return _plain(basis.basis) if isinstance(basis, OnlyIn | TimesRate) else basis
+    """A basis without its selection of runs, and without its factor."""
+    return _plain(basis.basis) if isinstance(basis, OnlyIn | Times) else basis
 
 
 def _tabulated(fit: Fit, k: int, columns: Mapping[int, Array], about: Mapping[int, Array] | None = None) -> tuple[Array, Array]:

@@ -26,9 +26,9 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.answer.fit import Estimate, Fit
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.equations.stated import all_names, are_decays, number_of, ranks, together
-from rlgcomp.diagnosis.forms.bases import Basis, Own, Smooth
+from rlgcomp.diagnosis.forms.bases import Basis, Own, Smooth, Times
 from rlgcomp.diagnosis.regions.selections import by_run, in_all_runs, runs_of
-from rlgcomp.diagnosis.regions.turntable import RatePower, TimesRate
+from rlgcomp.diagnosis.regions.turntable import RatePower
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
@@ -151,7 +151,7 @@ def _own_names(
     if best is not None:
         return best[1:]
     amplitudes = [p.name for p in mechanism.parameters() if p.role == "amplitude"]
-    if isinstance(inner, TimesRate | RatePower) or found.columns.shape[1] != 1 or len(amplitudes) != 1:
+    if isinstance(inner, Times | RatePower) or found.columns.shape[1] != 1 or len(amplitudes) != 1:
         return None
     return tuple(amplitudes), np.array([[lead.per_unit()]])  # the driver's noise alone is what its own column differs by
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.answer.fit import Fit
-from rlgcomp.diagnosis.forms.bases import Basis, Glitch, Product, Shift, gaussian_process
+from rlgcomp.diagnosis.forms.bases import Basis, Glitch, Product, Shift, Times, gaussian_process
 from rlgcomp.diagnosis.forms.drivers import BEYOND, Driver, Path
 from rlgcomp.diagnosis.forms.histories import sides
 from rlgcomp.diagnosis.forms.memories import Curves, Plays, Preisach, Relays, dense
@@ -21,7 +21,6 @@ from rlgcomp.diagnosis.forms.symmetries import Sign
 from rlgcomp.diagnosis.forms.times import Following, Since, SmoothSince, Wave
 from rlgcomp.diagnosis.noise.errors import columns_of
 from rlgcomp.diagnosis.regions.lateness import Late
-from rlgcomp.diagnosis.regions.turntable import TimesRate
 from rlgcomp.physics.tabulated_law import TabulatedLaw
 
 Array = npt.NDArray[np.float64]
@@ -93,10 +92,8 @@ def _laws_of_basis(fit: Fit, basis: Basis, weights: Array, cause: str) -> tuple[
             return [law(**of, knots=(one.centre, other.centre), weights=(product,))], True
         case Wave() | Following():
             return _waves(basis, weights, law), True
-        case TimesRate():
-            pieces, whole = laws_of(fit, [(basis.basis, weights)], cause)
-            rate = basis.rate.driver
-            return [dataclasses.replace(one, factor=rate.columns[0], scale=one.scale / rate.half) for one in pieces], whole
+        case Times():
+            return _times(fit, basis, weights, cause)
         case Sign():
             return [_of_sign(fit, basis, float(weights[0]), cause)], True
         case Since() | SmoothSince():
@@ -104,6 +101,16 @@ def _laws_of_basis(fit: Fit, basis: Basis, weights: Array, cause: str) -> tuple[
         case Late():
             return _of_late(fit, basis, float(weights[0]), cause)
     return [], False
+
+
+def _times(fit: Fit, basis: Times, weights: Array, cause: str) -> tuple[list[TabulatedLaw], bool]:
+    """A basis times a column, less that basis times the middle of the column's range."""
+    pieces, whole = laws_of(fit, [(basis.basis, weights)], cause)
+    driver = basis.by.driver
+    found = [dataclasses.replace(one, factor=driver.columns[0], scale=one.scale / driver.half) for one in pieces]
+    if driver.centre:
+        found += [dataclasses.replace(one, scale=-one.scale * driver.centre / driver.half) for one in pieces]
+    return found, whole
 
 
 def _waves(basis: Wave | Following, weights: Array, law: _Law) -> list[TabulatedLaw]:

@@ -163,6 +163,20 @@ class Product(Basis):
 
 
 @dataclasses.dataclass(frozen=True)
+class Times(Basis):
+    """Another basis times a path: a scale factor that follows its driver, or a coefficient that does."""
+
+    basis: Basis
+    by: Path
+
+    def columns(self, run: Run) -> Array:
+        return self.basis.columns(run) * self.by.values(run)[:, None]
+
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, basis=basis) for basis in self.basis.nearby(step))
+
+
+@dataclasses.dataclass(frozen=True)
 class Own(Basis):
     """The columns of a mechanism, as it states them itself or by another basis, or one of them."""
 

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Iterator
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.forms.bases import Magnitude, Power, Shift, Smooth
+from rlgcomp.diagnosis.forms.bases import Magnitude, Power, Shift, Smooth, Times
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.nonlinearities import Hinge, symmetric
 from rlgcomp.diagnosis.forms.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
@@ -37,6 +37,7 @@ def rate(setting: Setting) -> list[Family]:
             Family(f"b = k d{name}/dt", [(Power(one),) for one in rates], odd, 2.0 * weight, (Shift,)),
             Family(f"b = odd function of d{name}/dt", [(Power(rate), Smooth(rate, parity=-1))], odd, weight, (Shift,)),
             *weighted(symmetric(rates, odd, (Shift,)), weight),
+            Family(f"b = (k + a {name}) d{name}/dt", [(Power(rate), Times(Power(rate), Path(driver)))], odd, weight, (Shift,)),
         ]
     return families
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data, Run, Within
-from rlgcomp.diagnosis.forms.bases import Basis, Own, Power, Smooth
+from rlgcomp.diagnosis.forms.bases import Basis, Own, Power, Smooth, Times
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.terms import Family, Form, Region, forms_of, log_odds_of_more
 from rlgcomp.diagnosis.regions.baseline import Baseline
@@ -59,20 +59,6 @@ class RatePower(Basis):
 
     def parameters(self) -> dict[str, float]:
         return {"order": self.exponent} if self.odd else {}
-
-
-@dataclasses.dataclass(frozen=True)
-class TimesRate(Basis):
-    """Another basis times the rate: a scale factor that follows its driver."""
-
-    basis: Basis
-    rate: Path
-
-    def columns(self, run: Run) -> Array:
-        return self.basis.columns(run) * self.rate.values(run)[:, None]
-
-    def nearby(self, step: float) -> tuple[Self, ...]:
-        return tuple(dataclasses.replace(self, basis=basis) for basis in self.basis.nearby(step))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,8 +155,8 @@ def turning_regions(
         families = [Family(f"b = k {column}", [(Power(path),)], (smooth,)), Family(f"b = f({column})", [(Smooth(path),)])]
         yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,))
         if column != temperature:
-            key, leads = f"scale:{column}", [(TimesRate(Power(path), rate),)]
-            family = Family(f"b = k {column} * W", leads, (TimesRate(smooth, rate),))
+            key, leads = f"scale:{column}", [(Times(Power(path), rate),)]
+            family = Family(f"b = k {column} * W", leads, (Times(smooth, rate),))
             yield Region(key, None, _LAW, forms_of(key, [family]), (column, RATE))
 
 
@@ -191,10 +177,10 @@ def _families(
         if temperature is None:
             return []
         path = Path(Driver.of(data, temperature))
-        smooth = TimesRate(Smooth(path, 0.5, 8), rate)
+        smooth = Times(Smooth(path, 0.5, 8), rate)
         return [
-            Family("b = k T W", [(TimesRate(Power(path), rate),)], (smooth,), 2.0),
-            Family("b = f(T) W", [(TimesRate(Power(path, 3), rate),), (TimesRate(Smooth(path), rate),)], (smooth,)),
+            Family("b = k T W", [(Times(Power(path), rate),)], (smooth,), 2.0),
+            Family("b = f(T) W", [(Times(Power(path, 3), rate),), (Times(Smooth(path), rate),)], (smooth,)),
         ]
     if name == "scale_factor_asymmetry":
         even = (Smooth(rate, 0.5, 8, 1),)
