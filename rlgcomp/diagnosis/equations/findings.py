@@ -239,9 +239,9 @@ def cause_of(one: Named, fit: Fit, posterior: Posterior, catalogue: Mapping[str,
 
 
 def _followed(region: Region, form: Form, data: Data) -> tuple[str, ...]:
-    """Columns that a form follows: its region's, or others that measure the same."""
-    read = columns_of(form.lead, data)
-    return read if region.drivers and read and not set(read) & set(region.drivers) else region.drivers
+    """Columns that a form follows: its region's, or others that measure the same, or another place's."""
+    own, read = set(region.drivers) & set(data.columns), columns_of(form.lead, data)
+    return read if own and read and not set(read) & own else region.drivers
 
 
 def _departure(fit: Fit, k: int, contribution: Array) -> float:

@@ -120,7 +120,12 @@ def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
             return {"": ("c", unit), "w": ("w", display_unit(basis.driver.columns[0]))}
         case Lag() | Plays(spread=False):
             of = display_unit(basis.driver.columns[0])
-            return {"": ("k", _per(unit, of)), "time_constant_s": ("time_constant_s", "s"), "radius": ("radius", of)}
+            second = place > 0 and isinstance(basis, Plays)
+            return {
+                "": ("l" if second else "k", _per(unit, of)),
+                "time_constant_s": ("time_constant_s", "s"),
+                "radius": ("radius", of),
+            }
         case Power(degree=1) | Saturation() | Hinge() | SignedPower():
             path = basis.path
             of = f"{path.driver.unit}/min" if path.driver.unit and path.memory == "rate" else path.driver.unit

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -115,20 +116,21 @@ def reversible(driver: Driver, levels: int) -> list[Family]:
     """
     leads: list[tuple[Basis, ...]] = [(Preisach(driver, r, True, w, levels), Smooth(Path(driver))) for r, w in _DENSITIES]
     plays: list[tuple[Basis, ...]] = [(Plays(driver, r, True), Power(Path(driver))) for r in priors.RADII]
+    single: list[tuple[Basis, ...]] = [(Power(Path(driver)), Plays(driver, r, False)) for r in priors.RADII]
     kin = _departures_of_loops(driver, levels)
     return [
         Family("b = f(u) + relays of smooth density", leads, kin),
         Family("b = k u + mean over exponential radii of play(u; r) - u", plays, kin),
+        Family("b = k u + l (play(u; radius) - u)", single, kin),
     ]
 
 
 def hysteresis(setting: Setting) -> list[Family]:
     """Of the temperature, as a sum of single relays as well; of another place as of a monitor."""
-    others = [
-        family
-        for driver, _, weight in setting.places[1:]
-        for family in weighted(hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS, priors.LAW_RELAYS), weight)
-    ]
+    others: list[Family] = []
+    for driver, _, weight in setting.places[1:]:
+        loops = hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS, priors.LAW_RELAYS)
+        others += weighted([*loops, *reversible(driver, priors.LAW_LEVELS)], weight)
     return [*_of_temperature(setting), *others]
 
 
@@ -188,14 +190,17 @@ def _single_relays(driver: Driver, runs: Sequence[Run], levels: int) -> tuple[Re
 
 def more_relays(drivers: Sequence[Driver], runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
     """Forms with one relay more of their driver, which is one of these."""
-    every = {driver: _single_relays(driver, runs, priors.FURTHER_RELAYS) for driver in drivers}
+
+    @functools.cache
+    def every(driver: Driver) -> tuple[Relays, ...]:
+        return _single_relays(driver, runs, priors.FURTHER_RELAYS)
 
     def grow(form: Form) -> Iterator[Form]:
         relays = sum(_is_single(basis) for basis in form.lead)
         driver = next(one for one in drivers if one in within(form.lead))
         if relays < priors.MOST_STEPS:
             share = form.log_share + log_odds_of_more(relays, 1, priors.RELAYS)
-            for more in every[driver]:
+            for more in every(driver):
                 if more not in form.lead:
                     yield dataclasses.replace(form, lead=(*form.lead, more), log_share=share)
 
