@@ -175,3 +175,6 @@ def test_a_coefficient_of_the_rate_may_follow_the_temperature() -> None:
     assert found.test is not None
     assert found.test.augmented_rms < 1.1 * found.test.noise_floor_rms
     assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.02)
+    function, warmth = finding["function"], np.concatenate([run.column("temperature_block_degC") for run in runs[::2]])
+    slope = np.polyfit(function["driver"], function["value"], 1)[0]
+    assert slope == pytest.approx(0.02 * (1.0 + 0.05 * (0.5 * (warmth.min() + warmth.max()) - 20.0)), rel=0.02)

@@ -107,13 +107,17 @@ def _tabulated(fit: Fit, k: int, columns: Mapping[int, Array], about: Mapping[in
 
 
 def _static(fit: Fit, k: int, path: Path) -> Function:
-    """Bases of one path over the range of the training runs, about their mean there; of a scale factor, at the highest rate."""
+    """Bases of one path over the range of the training runs, about their mean there; of a scale factor, at the highest rate.
+
+    A coefficient that follows a column is that of the middle of the column's range.
+    """
     values = np.concatenate([path.values(run)[np.repeat(run.full, run.grid.bins)] for run in fit.data.runs])
     low, high = np.quantile(values, [0.005, 0.995])
     at = np.asarray(np.linspace(float(low), float(high), _PLACES))
     run: Any = SimpleNamespace(cache={path: at}, bins=len(at))
-    plain = [_plain(basis) for basis, _ in fit.parts[k][1]]
-    same = {j: basis for j, basis in enumerate(plain) if getattr(basis, "path", None) == path}
+    bases = [in_all_runs(basis) for basis, _ in fit.parts[k][1]]
+    alike = {j: _plain(basis) for j, basis in enumerate(bases) if isinstance(basis, Times) == isinstance(bases[0], Times)}
+    same = {j: basis for j, basis in alike.items() if getattr(basis, "path", None) == path}
     columns = {j: basis.columns(run) for j, basis in same.items()}
     means = {j: fit.data.means(basis.columns)[fit.data.of_windows].mean(axis=0) for j, basis in same.items()}
     driver = path.driver
