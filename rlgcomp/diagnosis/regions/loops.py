@@ -116,21 +116,21 @@ def reversible(driver: Driver, levels: int) -> list[Family]:
     """
     leads: list[tuple[Basis, ...]] = [(Preisach(driver, r, True, w, levels), Smooth(Path(driver))) for r, w in _DENSITIES]
     plays: list[tuple[Basis, ...]] = [(Plays(driver, r, True), Power(Path(driver))) for r in priors.RADII]
-    single: list[tuple[Basis, ...]] = [(Power(Path(driver)), Plays(driver, r, False)) for r in priors.RADII]
     kin = _departures_of_loops(driver, levels)
     return [
         Family("b = f(u) + relays of smooth density", leads, kin),
         Family("b = k u + mean over exponential radii of play(u; r) - u", plays, kin),
-        Family("b = k u + l (play(u; radius) - u)", single, kin),
     ]
 
 
 def hysteresis(setting: Setting) -> list[Family]:
-    """Of the temperature, as a sum of single relays as well; of another place as of a monitor."""
+    """Of the temperature, as a sum of single relays as well; of another place as of a monitor, a play beside its line as well."""
     others: list[Family] = []
     for driver, _, weight in setting.places[1:]:
         loops = hysteresis_of(driver, setting.data.runs, priors.LAW_LEVELS, priors.LAW_RELAYS)
-        others += weighted([*loops, *reversible(driver, priors.LAW_LEVELS)], weight)
+        plays: list[tuple[Basis, ...]] = [(Power(Path(driver)), Plays(driver, r, False)) for r in priors.RADII]
+        play = Family("b = k u + l (play(u; radius) - u)", plays, _departures_of_loops(driver, priors.LAW_LEVELS))
+        others += weighted([*loops, *reversible(driver, priors.LAW_LEVELS), play], weight)
     return [*_of_temperature(setting), *others]
 
 
