@@ -68,7 +68,7 @@ _FAMILIES: Final[Mapping[str, _Families]] = {
     "thermal_hysteresis": _Families(
         hysteresis,
         "rate-independent",
-        lambda setting: more_relays([driver for driver, _, _ in setting.places], setting.data.runs),
+        lambda setting: more_relays(setting.data.runs),
         fewer_relays(priors.RELAYS),
         with_relays,
         as_relays,

@@ -188,8 +188,8 @@ def _single_relays(driver: Driver, runs: Sequence[Run], levels: int) -> tuple[Re
     return tuple(dataclasses.replace(one, up=(float(a),), down=(float(b),)) for a, b in zip(up[wide], down[wide], strict=True))
 
 
-def more_relays(drivers: Sequence[Driver], runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
-    """Forms with one relay more of their driver, which is one of these."""
+def more_relays(runs: Sequence[Run]) -> Callable[[Form], Iterator[Form]]:
+    """Forms with one relay more of their driver."""
 
     @functools.cache
     def every(driver: Driver) -> tuple[Relays, ...]:
@@ -197,7 +197,7 @@ def more_relays(drivers: Sequence[Driver], runs: Sequence[Run]) -> Callable[[For
 
     def grow(form: Form) -> Iterator[Form]:
         relays = sum(_is_single(basis) for basis in form.lead)
-        driver = next(one for one in drivers if one in within(form.lead))
+        driver = next(one for one in within(form.lead) if isinstance(one, Driver))
         if relays < priors.MOST_STEPS:
             share = form.log_share + log_odds_of_more(relays, 1, priors.RELAYS)
             for more in every(driver):

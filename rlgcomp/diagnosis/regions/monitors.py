@@ -76,7 +76,7 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
                 *reversible(driver, priors.LAW_LEVELS),
             ]
             forms = forms_of(f"loop:{column}", families)
-            grow, shrink = more_relays([driver], setting.data.runs), fewer_relays(priors.RELAYS)
+            grow, shrink = more_relays(setting.data.runs), fewer_relays(priors.RELAYS)
             again = one_history(setting.data.runs)
             yield Region(
                 f"loop:{column}",

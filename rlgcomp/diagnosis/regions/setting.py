@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class Setting:
         """Of the runs."""
         return tuple(run.name for run in self.data.runs)
 
-    @property
+    @functools.cached_property
     def other_thermometers(self) -> tuple[Driver, ...]:
         """Of other places than the one that the catalogue means by temperature."""
         columns = [c for c in self.data.columns if is_thermometer(c) and c != self.temperature.columns[0]]
