@@ -418,6 +418,17 @@ def test_runs_trained_on_are_not_called_otherwise(trained: rlg.Compensator, shor
     assert both["unseen_deg_h"].equals(size_curve(trained, short_runs[2:])["unseen_deg_h"])
 
 
+def test_a_size_beyond_the_most_useful_one_is_on_the_curve_as_that(
+    models: dict[str, rlg.Compensator], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rlgcomp.export.reduction._SMALLEST_PIVOT", 1e-4)
+    model = models["gaussian"]
+    reduction = reduction_of(model)
+    asked = len(reduction.expansion.weights) - 1
+    assert reduction.most < asked
+    assert len(reduction.with_centres(asked).weights) in size_curve(model, sizes=[asked])["centres"].tolist()
+
+
 def test_a_narrow_kernel_needs_centres(models: dict[str, rlg.Compensator], short_runs: list[rlg.Recording]) -> None:
     curve = size_curve(models["gaussian"], short_runs[2:], [7])
     assert 7 in curve["centres"].tolist()

@@ -182,7 +182,7 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     runs : sequence of Recording
         Scored as well.
     sizes : sequence of int
-        Numbers of centres to score beside the usual ones.
+        Numbers of centres to score beside the usual ones; of one above the most that are useful, that most.
 
     Returns
     -------
@@ -194,7 +194,8 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     whole = reduction_of(compensator)
     centres = len(whole.expansion.weights)
     fewest = 0 if whole.expansion.form == "wide" else 1
-    grid = np.unique(np.r_[fewest, np.round(np.geomspace(1, max(centres, 2), 28)).astype(int), np.asarray(sizes, dtype=int)])
+    asked = [m if m >= centres else min(m, whole.most) for m in sizes]  # what :meth:`Reduction.with_centres` makes of them
+    grid = np.unique([fewest, *np.round(np.geomspace(1, max(centres, 2), 28)).astype(int), *asked])
     sizes_tried = [int(m) for m in grid if fewest <= m < centres and m <= whole.most]
     curve = pd.DataFrame({"centres": [*sizes_tried, centres]})
     judges = {"left_out": list(_left_out(compensator))}
