@@ -7,18 +7,23 @@ import itertools
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data, Grid, Run
+from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays
 from rlgcomp.diagnosis.forms.relaxations import Spectrum
 from rlgcomp.diagnosis.forms.terms import Form, Region
+from rlgcomp.diagnosis.regions.baseline import Baseline
 from rlgcomp.diagnosis.regions.chamber import named
 from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.search.sharpening import Sharpening
 from rlgcomp.diagnosis.search.telegraph import two_state
+from rlgcomp.numerics.relays import relay_states
 from rlgcomp.simulation.simulator import Simulator
 
 
@@ -221,3 +226,58 @@ def test_a_lag_is_no_longer_than_a_run() -> None:
     for form in slow:
         assert all(time_s(moved) <= longest_s for moved in form.nearby(1.0))
         assert any(time_s(moved) < time_s(form) for moved in form.nearby(1.0))
+
+
+@pytest.fixture(scope="module")
+def one_wide_relay() -> tuple[Sharpening, Region, Driver]:
+    """A search over the hysteresis of three runs in which one relay acts, up at 24 and down at 10 degC."""
+    runs, n = [], 900
+    for seed in range(3):
+        rng, t = np.random.default_rng(seed), np.linspace(0.0, 1.0, n)
+        waves = zip((14.0, 9.0, 5.0), (1.3, 3.1, 5.7), rng.random(3), strict=True)
+        celsius = 17.0 + sum(size * np.sin(2.0 * np.pi * (f * t + phase)) for size, f, phase in waves)
+        on = relay_states(celsius, np.array([24.0]), np.array([10.0]), np.array([float(celsius[0] >= 17.0)]))[:, 0]
+        table = {
+            "time_s": 10.0 * np.arange(n),
+            "gyro_deg_h": 0.1 * on + 0.01 * rng.normal(size=n),
+            "temperature_block_degC": celsius,
+        }
+        runs.append(rlg.recording(pd.DataFrame(table), name=f"run{seed}"))
+    grid = Grid.of(runs)
+    data = Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in runs))
+    baseline = Baseline.calibrated(Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}), data)
+    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
+    regions = [one for one in named(setting, {"thermal_hysteresis": rlg.CATALOGUE["thermal_hysteresis"]}, ()) if one.mechanism]
+    search = Sharpening(Bank(data, baseline.design(data), baseline), regions)
+    return search, search.regions["thermal_hysteresis"], setting.temperature
+
+
+def _relay(driver: Driver, up_degC: float, down_degC: float) -> Relays:
+    up, down = ((degC - driver.centre) / driver.half for degC in (up_degC, down_degC))
+    return Relays(driver, (up,), (down,), narrowest=priors.NARROWEST_LOOP)
+
+
+@pytest.mark.parametrize("beside", [False, True], ids=["relays alone", "beside a density"])
+def test_relays_that_stand_for_one_become_that_one(one_wide_relay: tuple[Sharpening, Region, Driver], beside: bool) -> None:
+    """The relays (18, 10) and (24, 3) less (18, 3) act as (24, 10) does: no small move of any of them is likelier."""
+    search, region, driver = one_wide_relay
+    noise = search.hypotheses.calmest
+    relays = [_relay(driver, *levels) for levels in ((18.0, 10.1), (23.9, 3.0), (18.0, 3.0))]
+    density = [Preisach(driver, 0.4, True, 0.3)] if beside else []
+    start = search.best(search.given(noise, ()), Form(region.key, "b = f", (*density, *relays)))
+    value, member = search.joined(region, start, (), noise)
+    assert value > start[0] + 10.0
+    (found,) = member.form.lead
+    assert isinstance(found, Relays)
+    assert driver.in_unit(np.array([found.up[0], found.down[0]])) == pytest.approx([24.0, 10.0], abs=0.3)
+    assert member.form.equation == ("b = sum of relays, each with a step of its own" if beside else "b = f")
+
+
+def test_a_wander_does_not_outlive_the_form_that_it_stood_for(one_wide_relay: tuple[Sharpening, Region, Driver]) -> None:
+    """From a noise that wanders a climb leads to no noise that does not."""
+    search, region, driver = one_wide_relay
+    calm = search.hypotheses.calmest
+    _, member = search.best(search.given(calm, ()), Form(region.key, "b = one relay", (_relay(driver, 24.0, 10.0),)))
+    wandering = dataclasses.replace(calm, wander=1.5)
+    assert search.converged((member,), wandering).noise.wander > 0.0
+    assert search._without_wander_too((member,), wandering).noise.wander == 0.0

@@ -31,6 +31,9 @@ ROUNDS_OF_ERRORS: Final = 3  # in which a set and the errors of its drivers find
 WITHIN_REACH: Final = 80.0  # nats behind the best, beyond which a form is not made richer
 _AFRESH: Final = 8.0  # and beyond which one grows from what has grown in its region before alone
 _ALONE: Final = 240.0  # and of a set of one, whose form may lack most of its members
+_GROWN: Final = 2  # sums of thresholds that are looked for anew, where they are few
+_FEW_THRESHOLDS: Final = 12
+_NEAR_GROWN: Final = 60.0  # and at most so many nats behind what is likeliest in their region
 _ROUGH: Final = 3  # equations whose likeliest forms are tried with departures too many to be screened
 _OTHERS: Final = 2  # equations beside the likeliest one that are polished,
 _NEAR_EQUATIONS: Final = 15.0  # at most so many nats behind it
@@ -276,7 +279,7 @@ class States(Members):
         converged = self.converged(members, noise)
         for k in range(len(members)):
             for other in self._richer(converged, k):
-                tried = self.converged((*converged.members[:k], other, *converged.members[k + 1 :]), converged.noise)
+                tried = self._without_wander_too((*converged.members[:k], other, *converged.members[k + 1 :]), converged.noise)
                 if tried.log_posterior > converged.log_posterior + WORTH:
                     converged = tried
         members = converged.members
@@ -284,6 +287,11 @@ class States(Members):
         found = dataclasses.replace(converged, log_volume=volume)
         self.visit(found)
         return found
+
+    def _without_wander_too(self, members: Set, noise: Noise) -> State:
+        """A set at its likeliest noise: a wander may have stood for what a richer form has, and no climb leads from it to none."""
+        noises = (noise, self.calmest(noise.errors)) if noise.wander else (noise,)
+        return max((self.converged(members, one) for one in noises), key=lambda state: state.log_posterior)
 
     def _chosen_again(self, members: Set, k: int, noise: Noise) -> Set:
         """One member's form and size, the others held."""
@@ -336,7 +344,7 @@ class States(Members):
     ) -> Member:
         """The likeliest that has grown from one threshold; alone, or once its set may become the likeliest, looked for anew.
 
-        Where something else of the region is likelier, a sum of relays stands in for that, and would not end.
+        Where something else of the region is likelier, a sum of many relays stands in for that, and would not end.
 
         Parameters
         ----------
@@ -347,11 +355,18 @@ class States(Members):
         noise : Noise
         """
         grown = [one for one in (*again, *fresh) if self.of_thresholds(one[1].form)] or [*again, *fresh]
-        found, likeliest = (max(some, key=lambda one: one[0]) for some in (grown, (*again, *fresh)))
-        anew = found is likeliest and (region.key not in self._looked_for or not others)
-        anew = anew and self._near_the_top((*others, found[1]), noise)
+        grown.sort(key=lambda one: one[0], reverse=True)
+        found, likeliest = grown[0], max((*again, *fresh), key=lambda one: one[0])
+        few = [one for one in grown[:_GROWN] if len(one[1].form.lead) <= _FEW_THRESHOLDS and one[0] > likeliest[0] - _NEAR_GROWN]
+        starts = list(dict.fromkeys((*([found] if found is likeliest else []), *few)))
+        anew = region.key not in self._looked_for or not others
+        anew = anew and self._near_the_top((*others, likeliest[1]), noise)
         if anew:
-            found = self.looked_for_anew(region, found, others, noise)
+            tried = [self.looked_for_anew(region, one, others, noise) for one in starts]
+            if region.join is not None:
+                some = (one for one in (*tried, likeliest) if len(one[1].form.lead) <= _FEW_THRESHOLDS)
+                tried = [*tried, *(self.joined(region, one, others, noise) for one in some)]
+            found = max((found, *tried), key=lambda one: one[0])
             self._looked_for.add(region.key)
         if anew or fresh:
             others_grown = (member.form for _, member in fresh or again if not self.of_thresholds(member.form))
