@@ -273,6 +273,15 @@ def test_relays_that_stand_for_one_become_that_one(one_wide_relay: tuple[Sharpen
     assert member.form.equation == ("b = sum of relays, each with a step of its own" if beside else "b = f")
 
 
+def test_what_has_no_relays_stays_as_it_is(one_wide_relay: tuple[Sharpening, Region, Driver]) -> None:
+    search, region, driver = one_wide_relay
+    noise = search.hypotheses.calmest
+    given = search.given(noise, ())
+    for lead in ((Preisach(driver, 0.4, True, 0.3),), (_relay(driver, 24.0, 10.0),), (Plays(driver, 0.3, spread=True),)):
+        start = search.best(given, Form(region.key, "b = f", lead))
+        assert search.joined(region, start, (), noise) == start
+
+
 def test_a_wander_does_not_outlive_the_form_that_it_stood_for(one_wide_relay: tuple[Sharpening, Region, Driver]) -> None:
     """From a noise that wanders a climb leads to no noise that does not."""
     search, region, driver = one_wide_relay

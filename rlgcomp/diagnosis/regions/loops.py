@@ -262,8 +262,8 @@ def fewer_by_joining(places: int) -> Callable[[Form], Iterator[Form]]:
 
     def join(form: Form) -> Iterator[Form]:
         relays = [basis for basis in form.lead if isinstance(basis, Relays) and _is_single(basis)]
-        share = form.log_share + log_odds_of_more(len(relays), -1, places)
         for one, other in itertools.permutations(relays, 2):
+            share = form.log_share + log_odds_of_more(len(relays), -1, places)
             if one.narrowest <= one.up[0] - other.down[0] <= one.widest:
                 joined = dataclasses.replace(one, down=other.down)
                 rest = tuple(basis for basis in form.lead if basis not in (one, other))
