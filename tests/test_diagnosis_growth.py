@@ -289,4 +289,4 @@ def test_a_wander_does_not_outlive_the_form_that_it_stood_for(one_wide_relay: tu
     _, member = search.best(search.given(calm, ()), Form(region.key, "b = one relay", (_relay(driver, 24.0, 10.0),)))
     wandering = dataclasses.replace(calm, wander=1.5)
     assert search.converged((member,), wandering).noise.wander > 0.0
-    assert search._without_wander_too((member,), wandering).noise.wander == 0.0
+    assert search.without_wander_too((member,), wandering).noise.wander == 0.0

@@ -421,7 +421,7 @@ def test_runs_trained_on_are_not_called_otherwise(trained: rlg.Compensator, shor
 def test_a_size_beyond_the_most_useful_one_is_on_the_curve_as_that(
     models: dict[str, rlg.Compensator], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rlgcomp.export.reduction._SMALLEST_PIVOT", 1e-4)
+    monkeypatch.setattr("rlgcomp.export.reduction.SMALLEST_PIVOT", 1e-4)
     model = models["gaussian"]
     reduction = reduction_of(model)
     asked = len(reduction.expansion.weights) - 1

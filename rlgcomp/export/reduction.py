@@ -46,7 +46,7 @@ from rlgcomp.recording import Recording
 
 Array = npt.NDArray[np.float64]
 WITHIN: Final = 0.01
-_SMALLEST_PIVOT: Final = 1e-14  # of the largest diagonal element; below it a pivot is rounding
+SMALLEST_PIVOT: Final = 1e-14  # of the largest diagonal element; below it a pivot is rounding
 
 
 def sized(compensator: Compensator, whole: Expansion, options: Options) -> tuple[Expansion, pd.DataFrame]:
@@ -219,7 +219,7 @@ def smallest_within(curve: pd.DataFrame) -> int:
 def _greedy(expansion: Expansion, x: Array, remainder: Array) -> tuple[npt.NDArray[np.intp], Array]:
     """Rows in the order chosen, and the orthonormal basis of their functions on all rows, shape (n, chosen)."""
     diagonal = np.array([float(expansion.gram(row[None, :], row[None, :])[0, 0]) for row in x])
-    floor = _SMALLEST_PIVOT * float(diagonal.max(initial=0.0))
+    floor = SMALLEST_PIVOT * float(diagonal.max(initial=0.0))
     residual = remainder.astype(np.float64).copy()
     basis = np.zeros((len(x), len(x)))
     order: list[int] = []

@@ -279,7 +279,7 @@ class States(Members):
         converged = self.converged(members, noise)
         for k in range(len(members)):
             for other in self._richer(converged, k):
-                tried = self._without_wander_too((*converged.members[:k], other, *converged.members[k + 1 :]), converged.noise)
+                tried = self.without_wander_too((*converged.members[:k], other, *converged.members[k + 1 :]), converged.noise)
                 if tried.log_posterior > converged.log_posterior + WORTH:
                     converged = tried
         members = converged.members
@@ -288,7 +288,7 @@ class States(Members):
         self.visit(found)
         return found
 
-    def _without_wander_too(self, members: Set, noise: Noise) -> State:
+    def without_wander_too(self, members: Set, noise: Noise) -> State:
         """A set at its likeliest noise: a wander may have stood for what a richer form has, and no climb leads from it to none."""
         noises = (noise, self.calmest(noise.errors)) if noise.wander else (noise,)
         return max((self.converged(members, one) for one in noises), key=lambda state: state.log_posterior)
