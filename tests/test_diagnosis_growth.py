@@ -257,31 +257,6 @@ def _relay(driver: Driver, up_degC: float, down_degC: float) -> Relays:
     return Relays(driver, (up,), (down,), narrowest=priors.NARROWEST_LOOP)
 
 
-@pytest.mark.parametrize("beside", [False, True], ids=["relays alone", "beside a density"])
-def test_relays_that_stand_for_one_become_that_one(one_wide_relay: tuple[Sharpening, Region, Driver], beside: bool) -> None:
-    """The relays (18, 10) and (24, 3) less (18, 3) act as (24, 10) does: no small move of any of them is likelier."""
-    search, region, driver = one_wide_relay
-    noise = search.hypotheses.calmest
-    relays = [_relay(driver, *levels) for levels in ((18.0, 10.1), (23.9, 3.0), (18.0, 3.0))]
-    density = [Preisach(driver, 0.4, True, 0.3)] if beside else []
-    start = search.best(search.given(noise, ()), Form(region.key, "b = f", (*density, *relays)))
-    value, member = search.joined(region, start, (), noise)
-    assert value > start[0] + 10.0
-    (found,) = member.form.lead
-    assert isinstance(found, Relays)
-    assert driver.in_unit(np.array([found.up[0], found.down[0]])) == pytest.approx([24.0, 10.0], abs=0.3)
-    assert member.form.equation == ("b = sum of relays, each with a step of its own" if beside else "b = f")
-
-
-def test_what_has_no_relays_stays_as_it_is(one_wide_relay: tuple[Sharpening, Region, Driver]) -> None:
-    search, region, driver = one_wide_relay
-    noise = search.hypotheses.calmest
-    given = search.given(noise, ())
-    for lead in ((Preisach(driver, 0.4, True, 0.3),), (_relay(driver, 24.0, 10.0),), (Plays(driver, 0.3, spread=True),)):
-        start = search.best(given, Form(region.key, "b = f", lead))
-        assert search.joined(region, start, (), noise) == start
-
-
 def test_a_wander_does_not_outlive_the_form_that_it_stood_for(one_wide_relay: tuple[Sharpening, Region, Driver]) -> None:
     """From a noise that wanders a climb leads to no noise that does not."""
     search, region, driver = one_wide_relay

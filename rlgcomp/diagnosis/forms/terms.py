@@ -101,8 +101,6 @@ class Region:
         Richer forms of the same region about a form that was found.
     shrink : callable, optional
         Such a richer form with one of its further leading bases less, each in turn.
-    join : callable, optional
-        Such a richer form with one leading basis in place of two.
     absorb : callable, optional
         A form of this region with the leading bases of another region's form as well; None where these are of another cause.
     adopt : callable, optional
@@ -129,7 +127,6 @@ class Region:
     memory: MemoryClass = "static"
     grow: Others | None = None
     shrink: Others | None = None
-    join: Others | None = None
     absorb: Joined | None = None
     adopt: Joined | None = None
     rougher: Callable[[Form], Form | None] | None = None

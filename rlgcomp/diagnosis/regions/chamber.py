@@ -20,7 +20,6 @@ from rlgcomp.diagnosis.forms.terms import WANDER, Family, Joined, MemoryClass, O
 from rlgcomp.diagnosis.regions.loops import (
     as_hops,
     as_relays,
-    fewer_by_joining,
     fewer_relays,
     hops,
     hysteresis,
@@ -56,7 +55,6 @@ class _Families:
     memory: MemoryClass
     grow: Callable[[Setting], Others] | None = None
     shrink: Others | None = None
-    join: Others | None = None
     absorb: Callable[[Setting], Joined] | None = None
     adopt: Joined | None = None
 
@@ -72,11 +70,10 @@ _FAMILIES: Final[Mapping[str, _Families]] = {
         "rate-independent",
         lambda setting: more_relays(setting.data.runs),
         fewer_relays(priors.RELAYS),
-        fewer_by_joining(priors.RELAYS),
         with_relays,
         as_relays,
     ),
-    "mode_hop": _Families(hops, "rate-independent", more_hops, fewer_relays(priors.HOPS), absorb=with_hops, adopt=as_hops),
+    "mode_hop": _Families(hops, "rate-independent", more_hops, fewer_relays(priors.HOPS), with_hops, as_hops),
     "warm_up": _Families(warm_up, "none"),
     "ageing": _Families(ageing, "none"),
 }
@@ -153,7 +150,6 @@ def _of_families(setting: Setting, key: str, log_odds: float, mechanism: type[Me
             memory,
             grow=families.grow(setting) if families.grow else None,
             shrink=families.shrink,
-            join=families.join,
             absorb=families.absorb(setting) if families.absorb else None,
             adopt=families.adopt,
             rougher=rougher if loops else None,

@@ -32,7 +32,6 @@ from rlgcomp.diagnosis.noise.errors import within
 from rlgcomp.diagnosis.regions.setting import Setting
 
 _DENSITIES: Final = ((0.15, 0.3), (0.4, 0.3), (0.4, 0.6), (1.5, 0.3))  # radius and smoothness
-_SUM: Final = "b = sum of relays, each with a step of its own"
 _HISTORIES: Final = 4  # columns a run of what was before it, beside a smooth density
 
 
@@ -67,7 +66,7 @@ def hysteresis_of(driver: Driver, runs: Sequence[Run], levels: int, relays: int)
     names = tuple(run.name for run in runs)
     one, smooth = EachRun(Undecided(driver, 0.7, levels), names), EachRun(Undecided(driver, 1.5, levels, _HISTORIES), names)
     families = [Family(equation, [(basis,) for basis in bases], kin) for equation, bases in shapes]
-    families.append(Family(_SUM, single, kin))
+    families.append(Family("b = sum of relays, each with a step of its own", single, kin))
     before = [
         Family(
             f"{equation}, each run after a history of its own",
@@ -251,27 +250,6 @@ def fewer_relays(places: int) -> Callable[[Form], Iterator[Form]]:
             yield dataclasses.replace(form, lead=(*form.lead[:k], *form.lead[k + 1 :]), log_share=share)
 
     return shrink
-
-
-def fewer_by_joining(places: int) -> Callable[[Form], Iterator[Form]]:
-    """Forms with one relay in place of two, that goes up with the one and down with the other; and the relays alone.
-
-    Relays of the same thresholds cancel in part, and a few of them may stand for one that none of them becomes by a small move. A
-    density from which they grew has nothing left once they are those of the cause.
-    """
-
-    def join(form: Form) -> Iterator[Form]:
-        relays = [basis for basis in form.lead if isinstance(basis, Relays) and _is_single(basis)]
-        for one, other in itertools.permutations(relays, 2):
-            share = form.log_share + log_odds_of_more(len(relays), -1, places)
-            if one.narrowest <= one.up[0] - other.down[0] <= one.widest:
-                joined = dataclasses.replace(one, down=other.down)
-                rest = tuple(basis for basis in form.lead if basis not in (one, other))
-                yield dataclasses.replace(form, lead=tuple(dict.fromkeys((*rest, joined))), log_share=share)
-        if 0 < len(relays) < len(form.lead):
-            yield dataclasses.replace(form, equation=_SUM, lead=tuple(relays))
-
-    return join
 
 
 def _is_single(basis: Basis) -> bool:

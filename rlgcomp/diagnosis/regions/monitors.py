@@ -15,15 +15,7 @@ from rlgcomp.diagnosis.forms.nonlinearities import nonlinear
 from rlgcomp.diagnosis.forms.relaxations import Lag
 from rlgcomp.diagnosis.forms.symmetries import symmetric_laws
 from rlgcomp.diagnosis.forms.terms import Family, Region, forms_of
-from rlgcomp.diagnosis.regions.loops import (
-    fewer_by_joining,
-    fewer_relays,
-    hysteresis_of,
-    more_relays,
-    one_history,
-    reversible,
-    rougher,
-)
+from rlgcomp.diagnosis.regions.loops import fewer_relays, hysteresis_of, more_relays, one_history, reversible, rougher
 from rlgcomp.diagnosis.regions.setting import Setting, departures
 from rlgcomp.units import is_thermometer
 
@@ -85,7 +77,6 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             ]
             forms = forms_of(f"loop:{column}", families)
             grow, shrink = more_relays(setting.data.runs), fewer_relays(priors.RELAYS)
-            join = fewer_by_joining(priors.RELAYS)
             again = one_history(setting.data.runs)
             yield Region(
                 f"loop:{column}",
@@ -96,7 +87,6 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
                 "rate-independent",
                 grow,
                 shrink,
-                join,
                 rougher=rougher,
                 one_history=again,
             )

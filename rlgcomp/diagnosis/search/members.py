@@ -32,7 +32,6 @@ _EVIDENCES: Final = 40
 _GIVEN: Final = 1_000_000  # numbers in columns of sets that are in the model
 _FURTHER: Final = 20_000  # forms that others grow to, that are kept
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
-_JOINED: Final = 4  # forms with one basis in place of two that are polished
 _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
 _FINEST_OF_LOUD: Final = _FINEST / 64.0  # while smaller steps are still worth it, as those of a frequency are
@@ -250,21 +249,6 @@ class Members:
             fewer = (self.best(given, one) for one in region.shrink(found[1].form))
             best = max(fewer, key=lambda one: one[0], default=found)
             if best[0] <= found[0]:
-                return found
-            found = best
-
-    def joined(self, region: Region, found: tuple[float, Member], others: Set, noise: Noise) -> tuple[float, Member]:
-        """A form that has grown, with one leading basis in place of two as long as that is likelier once it is polished."""
-        assert region.join is not None  # noqa: S101
-        given = self.given(noise, others)
-        while True:
-            possible, table = gains(given, region.join(found[1].form))
-            order = np.argsort([-float(row.max()) for row in table])[:_JOINED]
-            tried = (self.polished(*self.best(given, possible[k]), given, finest=True) for k in order)
-            best = max(
-                (self.pruned(region, member.form, others, noise) for _, member in tried), key=lambda one: one[0], default=found
-            )
-            if best[0] <= found[0] + WORTH:
                 return found
             found = best
 

@@ -359,13 +359,10 @@ class States(Members):
         found, likeliest = grown[0], max((*again, *fresh), key=lambda one: one[0])
         few = [one for one in grown[:_GROWN] if len(one[1].form.lead) <= _FEW_THRESHOLDS and one[0] > likeliest[0] - _NEAR_GROWN]
         starts = list(dict.fromkeys((*([found] if found is likeliest else []), *few)))
-        anew = region.key not in self._looked_for or not others
-        anew = anew and self._near_the_top((*others, likeliest[1]), noise)
+        anew = bool(starts) and (region.key not in self._looked_for or not others)
+        anew = anew and self._near_the_top((*others, found[1]), noise)
         if anew:
-            tried = [self.looked_for_anew(region, one, others, noise) for one in starts]
-            if region.join is not None:
-                some = (one for one in (*tried, likeliest) if len(one[1].form.lead) <= _FEW_THRESHOLDS)
-                tried = [*tried, *(self.joined(region, one, others, noise) for one in some)]
+            tried = (self.looked_for_anew(region, one, others, noise) for one in starts)
             found = max((found, *tried), key=lambda one: one[0])
             self._looked_for.add(region.key)
         if anew or fresh:
