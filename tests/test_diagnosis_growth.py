@@ -228,40 +228,26 @@ def test_a_lag_is_no_longer_than_a_run() -> None:
         assert any(time_s(moved) < time_s(form) for moved in form.nearby(1.0))
 
 
-@pytest.fixture(scope="module")
-def one_wide_relay() -> tuple[Sharpening, Region, Driver]:
-    """A search over the hysteresis of three runs in which one relay acts, up at 24 and down at 10 degC."""
-    runs, n = [], 900
+def test_a_wander_does_not_outlive_the_form_that_it_stood_for() -> None:
+    """From a noise that wanders a climb leads to no noise that does not. One relay acts, up at 24 and down at 10 degC."""
+    runs, n, up, down = [], 900, np.array([24.0]), np.array([10.0])
     for seed in range(3):
         rng, t = np.random.default_rng(seed), np.linspace(0.0, 1.0, n)
         waves = zip((14.0, 9.0, 5.0), (1.3, 3.1, 5.7), rng.random(3), strict=True)
         celsius = 17.0 + sum(size * np.sin(2.0 * np.pi * (f * t + phase)) for size, f, phase in waves)
-        on = relay_states(celsius, np.array([24.0]), np.array([10.0]), np.array([float(celsius[0] >= 17.0)]))[:, 0]
-        table = {
-            "time_s": 10.0 * np.arange(n),
-            "gyro_deg_h": 0.1 * on + 0.01 * rng.normal(size=n),
-            "temperature_block_degC": celsius,
-        }
-        runs.append(rlg.recording(pd.DataFrame(table), name=f"run{seed}"))
+        on = relay_states(celsius, up, down, np.array([float(celsius[0] >= 17.0)]))[:, 0]
+        gyro = 0.1 * on + 0.01 * rng.normal(size=n)
+        table = pd.DataFrame({"time_s": 10.0 * np.arange(n), "gyro_deg_h": gyro, "temperature_block_degC": celsius})
+        runs.append(rlg.recording(table, name=f"run{seed}"))
     grid = Grid.of(runs)
     data = Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in runs))
     baseline = Baseline.calibrated(Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]}), data)
-    setting = Setting(data, Driver.of(data, "temperature_block_degC"))
-    regions = [one for one in named(setting, {"thermal_hysteresis": rlg.CATALOGUE["thermal_hysteresis"]}, ()) if one.mechanism]
+    driver = Driver.of(data, "temperature_block_degC")
+    regions = list(named(Setting(data, driver), {"mode_hop": rlg.CATALOGUE["mode_hop"]}, ()))
     search = Sharpening(Bank(data, baseline.design(data), baseline), regions)
-    return search, search.regions["thermal_hysteresis"], setting.temperature
-
-
-def _relay(driver: Driver, up_degC: float, down_degC: float) -> Relays:
-    up, down = ((degC - driver.centre) / driver.half for degC in (up_degC, down_degC))
-    return Relays(driver, (up,), (down,), narrowest=priors.NARROWEST_LOOP)
-
-
-def test_a_wander_does_not_outlive_the_form_that_it_stood_for(one_wide_relay: tuple[Sharpening, Region, Driver]) -> None:
-    """From a noise that wanders a climb leads to no noise that does not."""
-    search, region, driver = one_wide_relay
+    levels = [tuple((level - driver.centre) / driver.half) for level in (up, down)]
     calm = search.hypotheses.calmest
-    _, member = search.best(search.given(calm, ()), Form(region.key, "b = one relay", (_relay(driver, 24.0, 10.0),)))
+    _, member = search.best(search.given(calm, ()), Form("mode_hop", "b = one relay", (Relays(driver, *levels),)))
     wandering = dataclasses.replace(calm, wander=1.5)
     assert search.converged((member,), wandering).noise.wander > 0.0
     assert search.without_wander_too((member,), wandering).noise.wander == 0.0
