@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from rlgcomp.recording import Recording
 
+FEWER: Final[dict[str, Any]] = {"without": ("thermal_hysteresis", "mode_hop")}
+"""Of :func:`rlgcomp.diagnose`, where a test is about something else: these two are half of the work."""
 IDLE: Final = (
     "light_intensity_V",
     "readout_a_V",

@@ -15,7 +15,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.data import Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.forms.times import Straying, Wave
-from tests.few_monitors import few_monitors
+from tests.few_monitors import FEWER, few_monitors
 
 Array = npt.NDArray[np.float64]
 PERIOD_S = 1700.0
@@ -35,7 +35,7 @@ def diagnosed(stray: Callable[[rlg.Recording, int], Array], windows: float = 4.0
         run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         runs.append(few_monitors(run.replace(table=run.table.assign(gyro_deg_h=run.rate_deg_h() + stray(run, k)), truth=None)))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    return diagnose(fitted, runs[:2], runs[2:], window_s=windows * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[:2], runs[2:], window_s=windows * Grid.of(runs).window_s, black_box=False, **FEWER)
 
 
 def wandering(run: rlg.Recording, k: int) -> Array:
@@ -48,7 +48,7 @@ def each_run(run: rlg.Recording, k: int) -> Array:
     return np.asarray(0.01 * np.sin(2.0 * np.pi * run.time_s / PERIOD_S + 2.1 * k))
 
 
-@pytest.mark.parametrize("stray", [wandering, each_run])
+@pytest.mark.parametrize("stray", [wandering, pytest.param(each_run, marks=pytest.mark.slow)])
 def test_a_line_has_a_frequency(stray: Callable[[rlg.Recording, int], Array]) -> None:
     (finding,) = diagnosed(stray).to_mapping()["findings"]
     assert finding["mechanism"] == "periodic_interference"
@@ -114,8 +114,11 @@ def resonant(run: rlg.Recording, k: int) -> Array:
     return np.asarray(0.02 * found / np.std(found))
 
 
+FURTHER = [pytest.param(stray, marks=pytest.mark.slow) for stray in (smooth, oscillating)]
+
+
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("stray", [smooth, oscillating, resonant])
+@pytest.mark.parametrize("stray", [resonant, *FURTHER])
 def test_what_keeps_its_phase_for_less_than_a_cycle_is_no_line(
     stray: Callable[[rlg.Recording, int], Array], tmp_path: Path
 ) -> None:

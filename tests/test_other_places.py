@@ -39,6 +39,7 @@ def play(values: Array, radius: float) -> Array:
 LAWS = {
     "temperature_rate": lambda shell: 0.1 * 60.0 * np.gradient(shell, STEP_S),
     "thermal_hysteresis": lambda shell: 0.01 * play(shell, 6.0),
+    "thermal_lag": lambda shell: 0.005 * lagged(shell, STEP_S, 3000.0),
     "mode_hop": lambda shell: 0.1 * relay(shell, 31.0, 29.5),
 }
 
@@ -52,7 +53,7 @@ def test_of_the_shell_a_mechanism_bears_its_name_and_says_where(name: str) -> No
         time_s = STEP_S * np.arange(n)
         corners = rng.uniform(-1.0, 1.0, 8)
         shell = lagged(20.0 + 30.0 * np.interp(time_s, np.linspace(0.0, time_s[-1], 8), corners), STEP_S, 300.0)
-        block = lagged(shell, STEP_S, 1500.0)
+        block = lagged(lagged(shell, STEP_S, 900.0), STEP_S, 600.0)
         gyro = 0.01 * block + LAWS[name](shell) + 0.02 * rng.standard_normal(n)
         table = {"time_s": time_s, "gyro_deg_h": gyro, BLOCK: block, SHELL: shell}
         runs.append(Recording(pd.DataFrame(table), Metadata(kind="chamber"), name=f"run{k}"))

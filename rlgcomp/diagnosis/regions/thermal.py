@@ -65,6 +65,9 @@ def lags(setting: Setting) -> list[Family]:
     ratio = times[1] / times[0]
     for driver, name, weight in setting.places:
         freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
+        if driver != setting.temperature:  # of which the simulator has a law as a rule, and then both laws are one
+            late = [(Lag(driver, t, ratio, behind=False, shortest_s=shortest_s, longest_s=longest_s),) for t in times]
+            families.append(Family(f"b = k lag({name}, time_constant_s)", late, freely, 2.0 * weight))
         families += [
             Family(
                 f"b = k (lag({name}, time_constant_s) - {name})",
