@@ -13,7 +13,7 @@ import rlgcomp as rlg
 from rlgcomp.diagnosis.data import Grid
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.numerics.filters import lag
-from tests.few_monitors import few_monitors
+from tests.few_monitors import FEWER, few_monitors
 
 Array = npt.NDArray[np.float64]
 LAG_S = 900.0
@@ -56,7 +56,7 @@ def diagnosed(column: str, law: Law, size_deg_h: float = 0.03, windows: float = 
         table = run.table.assign(**{column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer})
         runs.append(few_monitors(run.replace(table=table, truth=None), column))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    return diagnose(fitted, runs[::2], runs[1:2], window_s=windows * Grid.of(runs).window_s, black_box=False)
+    return diagnose(fitted, runs[::2], runs[1:2], window_s=windows * Grid.of(runs).window_s, black_box=False, **FEWER)
 
 
 def test_a_column_that_acts_late_and_saturates_is_one_law() -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from tests.few_monitors import few_monitors
+from tests.few_monitors import FEWER, few_monitors
 
 CATALOGUE = rlg.CATALOGUE
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
@@ -31,7 +31,7 @@ def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism
         seen = [column for mechanism in more for column in mechanism.drivers]
         runs.append(few_monitors(rlg.Recording(run.table, run.metadata, name=programme), *seen))
         simulated.append(rlg.Recording(table, name=f"simulated-{programme}"))
-    return rlg.diagnose(None, runs, simulated=simulated, window_s=360.0, black_box=False)  # by default of 120 s
+    return rlg.diagnose(None, runs, simulated=simulated, window_s=360.0, black_box=False, **FEWER)  # by default of 120 s
 
 
 def clock(diagnosis: Any) -> dict[str, tuple[float, float]]:

@@ -124,7 +124,7 @@ def test_a_mechanism_that_is_extended_keeps_the_simulator_s_columns() -> None:
     assert [one.name for one in found.augmented.mechanisms].count("thermal_polynomial") == 1
 
 
-@pytest.mark.parametrize("stated_deg_h_K", [0.004, 0.01])
+@pytest.mark.parametrize("stated_deg_h_K", [pytest.param(0.004, marks=pytest.mark.slow), 0.01])
 def test_a_stated_amplitude_beside_a_free_time_constant(stated_deg_h_K: float) -> None:
     """What was stated was taken off at the file's time constant, not at the calibrated one; a wrong amplitude bent that as well."""
     runs = recorded(

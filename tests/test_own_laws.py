@@ -12,6 +12,7 @@ from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.forms.drivers import lagged
 from rlgcomp.recording import Metadata, Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import FEWER
 
 STEP_S = 10.0
 
@@ -42,7 +43,7 @@ def made(*, coarse_K: float = 0.0, of_rate: float = 0.0, of_field: float = 0.0, 
 
 def asked(runs: list[Recording], *mechanisms: Any) -> Diagnosis:
     simulator = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 1}}, *mechanisms]})
-    return diagnose(simulator, runs, window_s=2.0 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(simulator, runs, window_s=2.0 * Grid.of(runs).window_s, black_box=False, **FEWER)
 
 
 def names(found: Diagnosis) -> list[str]:
