@@ -155,23 +155,6 @@ def test_a_bend_after_two_lags_is_a_thermal_lag() -> None:
     assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
 
 
-def test_a_power_of_the_rate_of_heating_alone_is_one_asymmetric_response() -> None:
-    """An odd and an even power stood in for it, of one size and one exponent, and a warm-up for where those differ."""
-
-    def heating(run: rlg.Recording) -> Array:
-        rate_K_min = 60.0 * np.gradient(run.column("temperature_block_degC"), 10.0)
-        return np.asarray(0.04 * np.maximum(rate_K_min, 0.0) ** 1.6)
-
-    found = thermally(heating, 60, 3, windows=2.0)
-    (finding,) = found.to_mapping()["findings"]
-    assert (finding["mechanism"], finding["equation"]) == ("rate_asymmetry", "b = k max(dT/dt, 0)^p")
-    exponent = finding["parameters"]["p"]
-    assert abs(exponent["value"] - 1.6) < 3.0 * exponent["sd"] < 1.2
-    assert found.test is not None
-    assert found.test.augmented_rms < 1.2 * found.test.noise_floor_rms
-    assert found.file_rms == pytest.approx(found.test.augmented_rms, rel=0.1)
-
-
 def test_a_coefficient_of_the_rate_may_follow_the_temperature() -> None:
     """It is the rate alone, and the file that is written predicts with it."""
     line = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 1}}]}

@@ -26,7 +26,7 @@ _RATIO: Final = 2.5  # of widths, from one point of the grid to the next
 _CORNERS: Final = (-0.6, -0.3, 0.0, 0.3, 0.6)  # of a dead zone
 _OUTERMOST: Final = 0.85  # a corner further out would be seen in a few windows alone
 _APART: Final = 0.3  # from one corner to the next
-EXPONENTS: Final = (0.6, 1.5)
+_EXPONENTS: Final = (0.6, 1.5)
 _STEEPEST, _FLATTEST = 3.0, 0.3
 _STEP: Final = 1.6  # of exponents, from one point of the grid to the next
 _REACH: Final = 3.0  # ranges over which it is tabulated
@@ -110,7 +110,7 @@ class Hinge(Nonlinearity):
 
 @dataclasses.dataclass(frozen=True)
 class SignedPower(Nonlinearity):
-    r""":math:`\mathrm{sgn}(u - c)\,|u - c|^p`, or :math:`|u - c|^p` where it is even, or that on one side of c alone.
+    r""":math:`\mathrm{sgn}(u - c)\,|u - c|^p`, or :math:`|u - c|^p` where it is even.
 
     Parameters
     ----------
@@ -122,8 +122,6 @@ class SignedPower(Nonlinearity):
         c, in units of the path's range.
     fixed : bool
         c is known.
-    side : {0, 1, -1}
-        Where it is not zero, it is nothing on the other side.
     """
 
     path: Path
@@ -131,12 +129,9 @@ class SignedPower(Nonlinearity):
     even: bool
     centre: float = 0.0
     fixed: bool = False
-    side: int = 0
 
     def columns(self, run: Run) -> Array:
         values = self.path.values(run) - self.centre
-        if self.side:
-            values = np.maximum(self.side * values, 0.0)
         powers = np.abs(values) ** self.exponent
         return (powers if self.even else np.sign(values) * powers)[:, None]
 
@@ -218,6 +213,6 @@ def symmetric(
     symbol = "dT/dt" if paths[0].memory == "rate" else f"({paths[0].driver.symbol})"
     size = f"|{symbol}|"
     bends: list[tuple[Basis, ...]] = [(Saturation(one, w, 0.0, even, fixed),) for one in paths for w in _WIDTHS]
-    powers: list[tuple[Basis, ...]] = [(SignedPower(one, p, even, 0.0, fixed),) for one in paths for p in EXPONENTS]
+    powers: list[tuple[Basis, ...]] = [(SignedPower(one, p, even, 0.0, fixed),) for one in paths for p in _EXPONENTS]
     yield Family(f"b = k tanh({size if even else symbol} / w)", bends, tuple(kin), 0.4, own)
     yield Family(f"b = k {size}^p" if even else f"b = k sgn({symbol}) {size}^p", powers, tuple(kin), 0.4, own)

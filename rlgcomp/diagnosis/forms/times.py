@@ -18,7 +18,6 @@ from rlgcomp.units import SECONDS_PER_DAY
 
 Array = npt.NDArray[np.float64]
 _PER_KNOT: Final = 16  # points of time, at which a wave's envelope is evaluated
-_KNOTS_OF_A_PHASE: Final = 3.0  # in its correlation length: on fewer, a smooth course costs knots as a rough one does
 _RIDGE: Final = 1e-3  # of the phase of an envelope
 _FARTHEST_STEP: Final = 1.0  # of a weight of a course, radians
 _EXPONENT_RATIO: Final = 1.4  # from one point of the grid to the next
@@ -294,7 +293,7 @@ def _course(phase: Array, knots: int) -> Array:
 
 def _course_columns(knots: int, time: Array) -> Array:
     """One, and a Gaussian process of the time in a run, which is -1 to 1."""
-    return np.column_stack([np.ones(len(time)), gaussian_process(time, _KNOTS_OF_A_PHASE * 2.0 / knots, knots)])
+    return np.column_stack([np.ones(len(time)), gaussian_process(time, 2.0 / knots, knots)])
 
 
 @dataclasses.dataclass(frozen=True)

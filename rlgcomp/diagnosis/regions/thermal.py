@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.forms.bases import Magnitude, Power, Shift, Smooth, Times
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
-from rlgcomp.diagnosis.forms.nonlinearities import EXPONENTS, Hinge, SignedPower, symmetric
+from rlgcomp.diagnosis.forms.nonlinearities import Hinge, symmetric
 from rlgcomp.diagnosis.forms.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.forms.symmetries import about_zero
 from rlgcomp.diagnosis.forms.terms import Family, Form, log_odds_of_more, weighted
@@ -48,15 +48,12 @@ def rate_magnitude(setting: Setting) -> list[Family]:
     for driver, name, weight in setting.places:
         rate, rates = Path.rate(setting.data, driver), Path.rates(setting.data, driver)
         heating, cooling = ([(Hinge(one, 0.0, side, fixed=True),) for one in rates] for side in (1, -1))
-        powers = {side: [(SignedPower(one, p, True, 0.0, True, side),) for one in rates for p in EXPONENTS] for side in (1, -1)}
         even = departures(rate, parity=1)
         families += [
             Family(f"b = k |d{name}/dt|", [(Magnitude(one),) for one in rates], even, 2.0 * weight, (Shift,)),
             Family(f"b = even function of d{name}/dt", [(Magnitude(rate), Smooth(rate, parity=1))], even, weight, (Shift,)),
             Family(f"b = k max(d{name}/dt, 0)", heating, (), 0.25 * weight, (Shift,)),
             Family(f"b = k max(-d{name}/dt, 0)", cooling, (), 0.25 * weight, (Shift,)),
-            Family(f"b = k max(d{name}/dt, 0)^p", powers[1], (), 0.1 * weight, (Shift,)),
-            Family(f"b = k max(-d{name}/dt, 0)^p", powers[-1], (), 0.1 * weight, (Shift,)),
             *weighted(symmetric(rates, even, (Shift,), even=True), weight),
         ]
     return families

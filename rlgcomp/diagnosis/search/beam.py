@@ -77,13 +77,11 @@ class Search(Sharpening):
                     self.refined(found)
 
     def _leave_out(self) -> None:
-        """Sets with a member less than the likeliest, or without its wander: a weak member may stand for nothing."""
+        """Sets with a member less than the likeliest, under its noise, errors and outliers: a weak member may stand for nothing."""
         for _ in range(_EXCHANGED):
             best = self._ordered()[0]
             for k in range(len(best.members)):
                 self._fewer(best, (best.members[k],))
-            if best.noise.wander:
-                self._fewer(best, ())
             if self._ordered()[0] is best:
                 return
 
