@@ -1,4 +1,4 @@
-"""Runs without the monitors that have no part in a test: a diagnosis weighs every law of each that was recorded."""
+"""Runs without the monitors, and diagnoses without the candidates, that have no part in a test: every law of each is weighed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any, Final
 from rlgcomp.recording import Recording
 
 FEWER: Final[dict[str, Any]] = {"without": ("thermal_hysteresis", "mode_hop")}
-"""Of :func:`rlgcomp.diagnose`, where a test is about something else: these two are half of the work."""
+"""Arguments of a diagnosis in a test of something else: these two candidates are half of the work."""
+
 IDLE: Final = (
     "light_intensity_V",
     "readout_a_V",
