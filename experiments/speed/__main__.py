@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -72,6 +73,7 @@ def speed(
 
     Example: `python -m experiments.speed --only calibrate --against HEAD~20 --repeats 7`
     """
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # a command is timed as its user starts it the second time, compiled by then
     if out is not None:
         require_writable(out)
     if page is not None:

@@ -14,6 +14,7 @@ from rlgcomp.numerics.compiled import available, compiled
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 Start = Literal["rested", "below", "above", "unknown"]
+_ROOM: Final = 16  # changes of a relay, on average, for which there is room at first
 STARTS: Final[dict[str, float]] = {"rested": 0.0, "below": 1.0, "above": -1.0, "unknown": 0.0}
 """From where an input came to its first value; the sign of its motion, which shifts the first value of a play by a radius."""
 
@@ -68,10 +69,13 @@ class Switches:
             rows, relays = np.nonzero(changes)
             return cls(len(values), rows, relays, changes[rows, relays])
         values = np.ascontiguousarray(values)
-        count = _switches(values, up, down, first, *(np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0)))
-        rows, relays, changes = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count)
-        _switches(values, up, down, first, rows, relays, changes)
-        return cls(len(values), rows, relays, changes)
+        room = _ROOM * len(up)
+        while True:
+            rows, relays, changes = np.empty(room, np.intp), np.empty(room, np.intp), np.empty(room)
+            count = _switches(values, up, down, first, rows, relays, changes)
+            if count <= room:
+                return cls(len(values), rows[:count].copy(), relays[:count].copy(), changes[:count].copy())
+            room = count
 
     def less(self, other: Switches) -> Switches:
         """Those of the differences of the states from others."""
