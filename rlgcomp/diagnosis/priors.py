@@ -62,6 +62,9 @@ LATE_MONITOR: Final = (0.03, 3.0)
 end of a hose within minutes, and no mechanism has the rate of change of such a column for its own."""
 PHASES: Final = (0.1, 0.3, 1.0, 3.0, 10.0)
 """How far the phase of a source of a period strays in a run, radians, each as likely: from a crystal's to a free motor's."""
+SMOOTHNESSES: Final = (1.0, 3.0)
+"""Knots of such a phase in its correlation length, each as likely: of a rough one, as of a hand that starts each swing, and of one
+that is smooth, as a motor's in a flow."""
 DISCREPANCY: Final = 0.12
 """Departure of a law from its equation over its own size: equations of the literature, fitted to other laws of the same cause,
 leave 5 to 20 per cent."""

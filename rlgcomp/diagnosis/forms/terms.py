@@ -130,7 +130,7 @@ class Region:
     absorb: Joined | None = None
     adopt: Joined | None = None
     rougher: Callable[[Form], Form | None] | None = None
-    renew: Callable[[Form, Array], Iterable[Form]] | None = None
+    renew: Callable[[Form, Array], Iterable[tuple[Form, ...]]] | None = None
     one_history: Others | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False

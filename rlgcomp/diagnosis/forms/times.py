@@ -196,29 +196,32 @@ class Straying(Basis):
         By run: a constant of the phase and its weights along the Gaussian process, in radians.
     spread : float
         Standard deviation of those by their prior, sigma.
+    smooth : float
+        Knots of the process in its correlation length.
     """
 
     wave: Wave
     courses: tuple[tuple[str, tuple[float, ...]], ...]
     spread: float
+    smooth: float = 1.0
 
     @classmethod
-    def of(cls, modulated: Modulated, envelopes: Mapping[str, npt.NDArray[np.complex128]]) -> Self:
+    def of(cls, modulated: Modulated, envelopes: Mapping[str, npt.NDArray[np.complex128]], smooth: float = 1.0) -> Self:
         """About the phases of a modulated wave in each run."""
-        return cls._about(
-            modulated.wave, {run: _course(np.unwrap(np.angle(one)), modulated.knots) for run, one in envelopes.items()}
-        )
+        phases = {run: np.unwrap(np.angle(one)) for run, one in envelopes.items()}
+        return cls._about(modulated.wave, {run: _course(one, modulated.knots, smooth) for run, one in phases.items()}, smooth)
 
     @classmethod
-    def _about(cls, wave: Wave, courses: Mapping[str, Array]) -> Self:
+    def _about(cls, wave: Wave, courses: Mapping[str, Array], smooth: float) -> Self:
         size = math.sqrt(float(np.mean([np.mean(course[1:] ** 2) for course in courses.values()])))
         spread = min(priors.PHASES, key=lambda one: abs(math.log(max(size, priors.PHASES[0]) / one)))
-        return cls(wave, tuple((run, tuple(course.tolist())) for run, course in courses.items()), spread)
+        return cls(wave, tuple((run, tuple(course.tolist())) for run, course in courses.items()), spread, smooth)
 
     def finer(self, knots: int) -> Self:
         """About the same courses along more knots."""
-        along = _course_columns(self.knots, _places(self.knots))
-        return self._about(self.wave, {run: _course(along @ np.array(course), knots) for run, course in self.courses})
+        along = _course_columns(self.knots, _places(self.knots), self.smooth)
+        courses = {run: _course(along @ np.array(course), knots, self.smooth) for run, course in self.courses}
+        return self._about(self.wave, courses, self.smooth)
 
     @property
     def knots(self) -> int:
@@ -239,7 +242,7 @@ class Straying(Basis):
         return np.column_stack([np.cos(turn), np.sin(turn), -self.spread * np.sin(turn)[:, None] * along[:, 1:]])
 
     def _along(self, run: Run) -> Array:
-        return _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0)
+        return _course_columns(self.knots, 2.0 * run.elapsed_s / run.elapsed_s[-1] - 1.0, self.smooth)
 
     def _turn(self, run: Run, along: Array) -> Array:
         straight = 2.0 * math.pi * self.wave.frequency_hz * run.elapsed_s
@@ -255,11 +258,11 @@ class Straying(Basis):
                 step = self.spread * np.array(others) / cosine
                 found[1:] += step * min(1.0, _FARTHEST_STEP / max(float(np.abs(step).max()), 1e-300))
             courses[run] = found
-        return self._about(self.wave, courses)
+        return self._about(self.wave, courses, self.smooth)
 
     def envelope(self, weights: Array, run: str) -> npt.NDArray[np.complex128]:
         """Its complex amplitude at even places of a run, of weights of shape (..., 2 + knots)."""
-        along = _course_columns(self.knots, _places(self.knots))
+        along = _course_columns(self.knots, _places(self.knots), self.smooth)
         stray = (self.spread * weights[..., 2:] / weights[..., :1]) @ along[:, 1:].T
         course = along @ np.array(dict(self.courses)[run])
         return np.asarray((weights[..., :1] - 1j * weights[..., 1:2]) * np.exp(1j * (course + stray)))
@@ -284,16 +287,16 @@ def _places(knots: int) -> Array:
     return np.linspace(-1.0, 1.0, _PER_KNOT * knots)
 
 
-def _course(phase: Array, knots: int) -> Array:
+def _course(phase: Array, knots: int, smooth: float) -> Array:
     """Weights of a phase at even places of a run, in radians."""
-    design = _course_columns(knots, np.linspace(-1.0, 1.0, len(phase)))
+    design = _course_columns(knots, np.linspace(-1.0, 1.0, len(phase)), smooth)
     ridge = np.diag([0.0, *np.full(knots, _RIDGE)])
     return np.asarray(np.linalg.solve(design.T @ design + ridge, design.T @ phase))
 
 
-def _course_columns(knots: int, time: Array) -> Array:
-    """One, and a Gaussian process of the time in a run, which is -1 to 1."""
-    return np.column_stack([np.ones(len(time)), gaussian_process(time, 2.0 / knots, knots)])
+def _course_columns(knots: int, time: Array, smooth: float) -> Array:
+    """One, and a Gaussian process of the time in a run, which is -1 to 1, with so many knots in its correlation length."""
+    return np.column_stack([np.ones(len(time)), gaussian_process(time, 2.0 * smooth / knots, knots)])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -180,8 +180,10 @@ def harmonics(setting: Setting) -> Callable[[Form], Iterator[Form]]:
     return grow
 
 
-def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[Form]:
+def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[tuple[Form, ...]]:
     """A line whose frequency wanders as one of a steady amplitude, about the courses of its phase; none of any other form.
+
+    A phase that is rough and one that is smooth are of kinds of their own, for steps of the rough one would overtake the other's.
 
     Parameters
     ----------
@@ -194,13 +196,28 @@ def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[Form]:
         return
     of_runs = weights.reshape(len(first.runs), -1)
     if isinstance(first.basis, Straying):
-        counted, straying = first.basis.log_prior, first.basis.renewed(of_runs)
-    else:
-        phases = {run: first.basis.envelope(own) for run, own in zip(first.runs, of_runs, strict=True)}
-        counted, straying = math.log(len(priors.PHASES)), Straying.of(first.basis, phases)
+        yield tuple(_about(form, first.runs, first.basis.renewed(of_runs), first.basis.log_prior))
+        return
+    phases = {run: first.basis.envelope(own) for run, own in zip(first.runs, of_runs, strict=True)}
+    counted = math.log(len(priors.PHASES) * len(priors.SMOOTHNESSES))
+    for smooth in priors.SMOOTHNESSES:
+        yield tuple(_about(form, first.runs, Straying.of(first.basis, phases, smooth), counted))
+
+
+def _about(form: Form, runs: tuple[str, ...], straying: Straying, counted: float) -> Iterator[Form]:
+    """A line as a straying wave, on its knots and on more, without and with harmonics.
+
+    Parameters
+    ----------
+    form : Form
+    runs : tuple of str
+    straying : Straying
+    counted : float
+        Of the log prior of its courses, what the form has already.
+    """
     more = round(_FINER * straying.knots)
-    for one in (straying, straying.finer(more)) if more <= min(_FINEST, _MOST_COURSES / len(first.runs)) else (straying,):
-        lead = (EachRun(one, first.runs), *(Overtone(one, basis.order) for basis in form.lead[1:] if isinstance(basis, Overtone)))
+    for one in (straying, straying.finer(more)) if more <= min(_FINEST, _MOST_COURSES / len(runs)) else (straying,):
+        lead = (EachRun(one, runs), *(Overtone(one, basis.order) for basis in form.lead[1:] if isinstance(basis, Overtone)))
         share = form.log_share + one.log_prior - counted
         for overtones in (), tuple(Overtone(one, order) for order in range(2, _HARMONICS + 1)):
             smooth = tuple(basis for basis in overtones if basis not in lead)

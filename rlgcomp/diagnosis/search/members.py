@@ -312,14 +312,19 @@ class Members:
         return value, member
 
     def renewed(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
-        """A form that is linear about a course as long as another course is likelier, where it stands out."""
+        """A form that is linear about a course, where it stands out: about the likelier one that each kind of courses ends at."""
         renew = self.regions[member.form.region].renew
-        while renew is not None and value > given.log_evidence + CLEAR:
-            found = self.likeliest(given, renew(member.form, self.leading_weights(member, given)))
-            if found is None or found[0] <= value + WORTH:
-                break
-            value, member = found
-        return value, member
+        best = value, member
+        if renew is None or value <= given.log_evidence + CLEAR:
+            return best
+        waiting = [(kind, value) for kind in renew(member.form, self.leading_weights(member, given))]
+        while waiting:
+            forms, before = waiting.pop()
+            found = self.likeliest(given, forms)
+            if found is not None and found[0] > before + WORTH:
+                best = max(best, found, key=lambda one: one[0])
+                waiting += [(kind, found[0]) for kind in renew(found[1].form, self.leading_weights(found[1], given))]
+        return best
 
     def leading_weights(self, member: Member, given: Conditional) -> Array:
         """Of the first leading basis of a member beside a set, roughly in proportion: what they lead to is taken where likelier."""
