@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import rlgcomp as rlg
-from rlgcomp.compensation.feature_pipeline import nearly_standard
+from rlgcomp.compensation.feature_pipeline import further_monitors, nearly_standard, pipeline_for, require_no_gyro
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.window_means import window_means
 
@@ -146,3 +146,22 @@ def test_a_second_monitor_of_a_kind_is_not_asked_about() -> None:
     temperature = cycle(20.0, 50.0, 3.0)
     wave = np.sin(np.arange(len(temperature)) / 50.0)
     assert not nearly_standard([run(temperature, 1, supply_voltage_V=wave, supply_voltage_2_V=wave)])
+
+
+@pytest.mark.parametrize("column", ["GyroY_dps", "rate [deg/s]", "filtered"])
+def test_another_gyro_or_a_copy_of_the_gyro_is_no_input(column: str) -> None:
+    """A model that reads either subtracts the rotation, and is praised for it by runs in which nothing turns."""
+    runs = [run(cycle(20.0, 50.0, 3.0), seed) for seed in (1, 2)]
+    rng = np.random.default_rng(0)
+    other = {one.name: one.rate_deg_h() / 3600.0 if column == "filtered" else rng.standard_normal(len(one)) for one in runs}
+    runs = [one.replace(table=one.table.assign(**{column: other[one.name]})) for one in runs]
+    further, remarks = further_monitors(runs, "all", pipeline_for(runs, "all"))
+    assert column not in further
+    assert [remark.data["column"] for remark in remarks] == [column]
+
+
+def test_the_gyro_itself_is_refused_as_an_input() -> None:
+    one = run(cycle(20.0, 50.0, 3.0), 1)
+    one = one.replace(table=one.table.assign(copy_V=-one.rate_deg_h() / 3600.0))
+    with pytest.raises(rlg.InputError, match="copy_V, which is the gyro itself"):
+        require_no_gyro([one], "all,copy_V", None)

@@ -22,6 +22,7 @@ from rlgcomp.compensation.feature_pipeline import (
     nearly_standard,
     omitted_groups,
     pipeline_for,
+    require_no_gyro,
 )
 from rlgcomp.compensation.features import Level
 from rlgcomp.compensation.held_out_errors import HeldOutErrors
@@ -183,7 +184,8 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
         require_distinct(runs)
         raw, (runs, outliers) = runs, without_outliers(runs, self.gyro) if screen else (runs, [])
         candidates = pipeline_for(runs, self.features)
-        further = further_monitors(runs, self.features, candidates)
+        require_no_gyro(runs, self.features, self.gyro)
+        further, no_inputs = further_monitors(runs, self.features, candidates, self.gyro)
         self.pipeline_ = FeatureRecipe((*candidates.features, *map(Level, further)))
         samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
@@ -224,6 +226,7 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
             *outliers,
             *nearly_standard(runs, self.features),
             *omitted_groups(runs, self.features),
+            *no_inputs,
             *not_told_apart,
             *hybrid.left_out,
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),

@@ -17,6 +17,7 @@ from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
 from rlgcomp.report.messages import Message, message
+from rlgcomp.report.messages.column_names import names_a_gyro
 from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
@@ -234,6 +235,8 @@ _MONITORS: Final = (
 )
 TABLE: Final = (*ENCODERS, "table_rate_deg_s")
 _NEARLY: Final = 0.8  # of difflib's likeness: "temp_block_degC" and "pressure_kPa" are asked about, "cavity_volume" is not
+_COPIED: Final = 0.8  # square of the correlation of steps from sample to sample, from which on a column is made of the gyro,
+_THE_SAME: Final = 1.0 - 1e-6  # and is the gyro
 _LONGEST_NAME: Final = 200
 _MOST_NUMBERS: Final = 64
 
@@ -279,8 +282,13 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
     return FeatureRecipe(tuple(dict.fromkeys(features)))
 
 
-def further_monitors(runs: Sequence[Recording], wanted: str | Sequence[str], pipeline: FeatureRecipe) -> list[str]:
+def further_monitors(
+    runs: Sequence[Recording], wanted: str | Sequence[str], pipeline: FeatureRecipe, gyro: str | None = None
+) -> tuple[list[str], list[Message]]:
     """Monitors that "all" has no group for: recorded in every run, neither a gyro nor an angle, finite, and not constant.
+
+    A column that is a gyro by its name, or moves from sample to sample as the gyro does, would take the rotation away: it is left
+    out, with a remark.
 
     Parameters
     ----------
@@ -289,14 +297,37 @@ def further_monitors(runs: Sequence[Recording], wanted: str | Sequence[str], pip
         As for :func:`pipeline_for`; none unless it names "all".
     pipeline : FeatureRecipe
         With the groups.
+    gyro : str, optional
+        Gyro column, where there are several.
     """
-    if "all" not in feature_names(wanted):
-        return []
+    names = feature_names(wanted)
+    if "all" not in names:
+        return [], []
     known = {TIME, *ENCODERS, "readout_a_V", "readout_b_V", *pipeline.columns}
     common = [column for column in runs[0].columns if all(column in run for run in runs) and column not in known]
     monitors = [column for column in common if not (is_gyro(column) or is_compensation(column) or column.startswith("accel_"))]
     values = {column: np.concatenate([run.column(column) for run in runs]) for column in monitors}
-    return [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
+    varying = [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
+    own = [column for column in varying if column not in TABLE]
+    of_gyros = [column for column in own if names_a_gyro(column) or _copies_gyro(runs, column, gyro)]
+    remarks = [message("compensation.gyro_is_no_input", column=column) for column in of_gyros if column not in names]
+    return [column for column in varying if column not in of_gyros], remarks
+
+
+def require_no_gyro(runs: Sequence[Recording], wanted: str | Sequence[str], gyro: str | None) -> None:
+    """Raise `InputError` where an input that is asked for is the gyro itself, in another unit or with another sign."""
+    for column in feature_names(wanted):
+        if all(column in run for run in runs) and _copies_gyro(runs, column, gyro, _THE_SAME):
+            raise InputError(
+                f"--features names {column}, which is the gyro itself in another unit; an input is what else was recorded"
+            )
+
+
+def _copies_gyro(runs: Sequence[Recording], column: str, gyro: str | None, least: float = _COPIED) -> bool:
+    """Whether a column moves from sample to sample as the gyro does, whose noise no monitor knows."""
+    moves = [(np.diff(run.column(column)), np.diff(run.rate_deg_h(gyro))) for run in runs]
+    own, other = (np.concatenate(parts) for parts in zip(*moves, strict=True))
+    return bool((own @ other) ** 2 > least * (own @ own) * (other @ other))
 
 
 def nearly_standard(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:

@@ -144,9 +144,14 @@ def select(
                 progress(len(scores), len(batches))
         errors = _beyond_the_grid(specification, model, batches, [scores[k] for k in range(len(batches))], X, y, groups)
     rmse, criterion = _rmse_and_criterion(errors)
+    if not np.isfinite(criterion).any():
+        raise InputError(
+            "no setting of the model has a finite error with runs left out; an input may be made of the gyro: leave it out with "
+            "--drop NAME, or name the inputs with --features"
+        )
     rows = [{**dict(candidate), "rmse": float(error)} for candidate, error in zip(errors, rmse, strict=True)]
     table = pd.DataFrame(rows)
-    chosen = int(np.flatnonzero(criterion <= (1.0 + TIE) * criterion.min())[0])
+    chosen = int(np.flatnonzero(criterion <= (1.0 + TIE) * np.nanmin(criterion))[0])
     best = {key: value for key, value in rows[chosen].items() if key != "rmse"}
     at_limits = {} if specification.at_limits is None else specification.at_limits(model, X.shape[1], best)
     return Selection(best, float(rows[chosen]["rmse"]), table.assign(chosen=table.index == chosen), at_limits)

@@ -126,6 +126,15 @@ def suggested_gyro(columns: Sequence[str], stated: Mapping[str, str] | None = No
     return _option("gyro_deg_h", _with_unit(chosen, "deg/h", "UNIT")) if chosen else ""
 
 
+def names_a_gyro(column: str) -> bool:
+    """Whether a column looks like a gyro, by its name or by its unit.
+
+    >>> names_a_gyro("GyroY_dps"), names_a_gyro("Kreisel B"), names_a_gyro("rate [deg/s]"), names_a_gyro("pressure [hPa]")
+    (True, True, True, False)
+    """
+    return _GYRO.search(column) is not None or _unit_of(column, "deg/h") is not None
+
+
 def _quantity(column: str) -> str:
     """A name without its unit, empty where it is a unit of time and nothing else."""
     name, unit = header_unit(column)

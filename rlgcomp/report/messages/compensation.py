@@ -98,6 +98,11 @@ TEXTS: Final = {
         "Column {column} is not a standard name; the nearest is {nearest}. If it is meant, state --map {nearest}={column}, and "
         "the features of that monitor can be used."
     ),
+    "gyro_is_no_input": (
+        "Column {column} is no input: by its name, its unit or its noise it is a gyro, or made of this one, and a model that reads "
+        "it would take rotation for bias. Map it as a gyro (gyro_x_deg_h, gyro_y_deg_h, ... and --gyro), leave it out with --drop, "
+        "or name it with --features all,{column} if it is a monitor."
+    ),
     "physics_left_out": (
         "The simulator's {mechanism} takes no part in the compensation: {reason}. The LS-SVM learns of it what its inputs show."
     ),
