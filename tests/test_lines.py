@@ -158,21 +158,22 @@ def test_a_straying_wave_is_linear_in_the_course_of_its_phase() -> None:
 
 
 def test_a_loud_line_whose_phase_strays_leaves_no_slow_error(tmp_path: Path) -> None:
-    """Were its amplitude free to come and go, the noise would have to make up for what a smooth envelope cannot follow."""
+    """Ninety times as loud as the noise: neither does its amplitude come and go, nor is its phase rough."""
 
     def stray(run: rlg.Recording, k: int) -> Array:
-        drawn = np.random.default_rng(10 + k).standard_normal(len(run))
-        phase = gaussian_filter1d(drawn, 300.0)
-        turn = 2.0 * np.pi * run.time_s / PERIOD_S + phase / np.std(phase)
-        return np.asarray(0.2 * (np.sin(turn) + 0.3 * np.sin(2.0 * turn + 1.0)))
+        phase = gaussian_filter1d(np.random.default_rng([8, k]).standard_normal(len(run)), 396.0)
+        turn = 2.0 * np.pi * run.time_s / PERIOD_S + 1.1 * phase / np.std(phase)
+        turned.append(float(np.ptp(turn[[0, -1]]) / np.ptp(run.time_s)))
+        return np.asarray(0.357 * (np.sin(turn) + 0.3 * np.sin(2.0 * turn + 1.0)))
 
+    turned: list[float] = []  # in each run on average, rad/s
     diagnosis = diagnosed(stray, 2.0)
     assert diagnosis.verdict == "explained"
     assert not diagnosis.decision.wander
     (cause,) = diagnosis.causes
     assert cause.equation == "b = wave of a steady amplitude, whose frequency wanders about frequency_hz"
     frequency, width = cause.parameters["frequency_hz"], cause.parameters["linewidth_hz"]
-    assert frequency.value == pytest.approx(1.0 / PERIOD_S, abs=4.0 * frequency.sd)
+    assert frequency.value == pytest.approx(np.mean(turned[:2]) / (2.0 * np.pi), abs=4.0 * frequency.sd)
     assert 0.0 < width.value < 0.35 / PERIOD_S
     diagnosis.save(tmp_path)
     diagnosis.report(tmp_path / "report.html")
