@@ -149,6 +149,16 @@ def test_drift_with_temperature_is_not_taken_for_noise(static: Path, tmp_path: P
     assert "noise.temperature_changes" not in findings_with(static, tmp_path, "room", temperature_block_degC=1.0)
 
 
+def test_outliers_that_the_curve_has_in_it_are_said(static: Path, tmp_path: Path) -> None:
+    spoilt = pd.read_parquet(static)
+    spoilt.loc[spoilt.index[[100, 2000]], "gyro_x_deg_h"] += 50.0
+    spoilt.to_parquet(tmp_path / "spoilt.parquet")
+    result = run(tmp_path / "spoilt.parquet", "--gyro", "gyro_x_deg_h", "--json")
+    (found,) = [one for one in json.loads(result.stdout)[0]["findings"] if one["code"] == "recording.gyro_outliers"]
+    assert (found["data"]["samples"], found["data"]["first_s"], found["data"]["treatment"]) == (2, 50.0, "in_curve")
+    assert "they are in the curve" in found["text"]
+
+
 def test_a_turning_gyro_is_reported(static: Path, tmp_path: Path) -> None:
     for column, end in (("table_angle_deg", 40.0), ("table_rate_deg_s", 10.0)):
         assert findings_with(static, tmp_path, "turning", **{column: end})["noise.table_turns"] == {"columns": [column]}

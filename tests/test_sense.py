@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,8 +12,10 @@ from hypothesis import strategies as st
 
 import rlgcomp as rlg
 from rlgcomp.recording import Finding
+from rlgcomp.recording.formats.mapping import apply_mapping
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 from rlgcomp.recording.repair.context import Step
+from rlgcomp.recording.repair.running_sense import RunningSense
 from tests.cases import by_code, case
 
 ROWS = 3000
@@ -55,6 +59,33 @@ def test_error_values_of_other_columns_and_of_the_gyro() -> None:
     assert len(result) == ROWS - 2
     assert result["light_intensity_V"].max() < 3.0
     assert found["error_values"].message.data == {"values": 2, "written": [-9999.0]}
+
+
+@pytest.mark.parametrize("value", [-9999.0, 999.99])
+@pytest.mark.parametrize("unit", ["deg/h", "deg/s", "-rad/s", "0.25 deg/h"])
+@pytest.mark.parametrize("kind", ["csv", "single"])
+def test_error_values_are_known_by_what_is_written_in_whatever_unit(tmp_path: Path, value: float, unit: str, kind: str) -> None:
+    gyro = table()["gyro_deg_h"].to_numpy(copy=True)
+    gyro[100:160] = value
+    frame = table().drop(columns="gyro_deg_h").assign(rate=gyro)
+    path = tmp_path / ("run.csv" if kind == "csv" else "run.parquet")
+    if kind == "csv":
+        frame.to_csv(path, index=False)
+    else:
+        frame.astype({"rate": np.float32}).to_parquet(path)
+    run = rlg.read(path, columns={"gyro_deg_h": f"rate [{unit}]"})
+    assert len(run) == ROWS - 60
+    assert by_code(run.findings)["error_values"].message.data == {"values": 60, "written": [value]}
+
+
+def test_a_stream_knows_error_values_by_what_is_written() -> None:
+    frame = pd.DataFrame({"rate": 0.001 * np.sin(np.arange(100.0))})
+    frame.loc[[50, 51], "rate"] = -9999.0
+    mapped = apply_mapping(frame, {"gyro_deg_h": "rate [deg/s]"}, name="file")
+    sense = RunningSense()
+    checked = sense.checked(mapped.table, mapped.error_values)["gyro_deg_h"]
+    assert np.flatnonzero(checked.isna()).tolist() == [50, 51]
+    assert dict(sense.changed) == {"error values of loggers": 2}
 
 
 def test_readings_that_reach_such_a_value_are_left_as_they_are() -> None:

@@ -32,7 +32,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, Metadata, is_gyro, rate_name
 from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require_sidecar, write_sidecar
 from rlgcomp.recording.formats.dialect import BLANKS, Dialect, decimal_of, entries
-from rlgcomp.recording.formats.mapping import apply_mapping, parse_mapping, steps_of
+from rlgcomp.recording.formats.mapping import Mapped, apply_mapping, parse_mapping, steps_of
 from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
 from rlgcomp.recording.repair.running_sense import RunningSense
 from rlgcomp.recording.repair.running_time import RunningTime
@@ -298,7 +298,10 @@ class StreamCompensator:
         if dialect.names != self.dialect.names:
             raise InputError(f"the stream: its columns are {', '.join(dialect.names)} and were {', '.join(self.dialect.names)}")
         self.dialect, self._begun = dialect, True
-        table, self.by_name = self._renamed(csv.parse(lines, self.dialect, "the stream")) if lines else (pd.DataFrame(), ())
+        table = pd.DataFrame()
+        if lines:
+            renamed = self._renamed(csv.parse(lines, self.dialect, "the stream"))
+            table, self.by_name = renamed.table, renamed.findings
         if TIME in table:
             try:
                 RunningTime().seconds(table[TIME])
@@ -338,22 +341,22 @@ class StreamCompensator:
         separator = self.dialect.separator
         return len(entries(line, separator)) if separator == BLANKS else 1 + line.count(separator)
 
-    def _renamed(self, table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
-        """The table under the contract's names, in its units, and the findings on units of names."""
+    def _renamed(self, table: pd.DataFrame) -> Mapped:
+        """The table under the contract's names, in its units."""
         unknown = [column for column in self.drop if column not in table.columns]
         if unknown:
             raise InputError(f"cannot drop {', '.join(unknown)}; the columns are {', '.join(map(str, table.columns))}")
         file_units = csv.units_of(self.dialect, "the stream")
-        renamed = apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream", file_units=file_units)
-        return renamed[0], renamed[2]
+        return apply_mapping(table.drop(columns=self.drop), self.mapping, name="the stream", file_units=file_units)
 
     def _mapped(self, table: pd.DataFrame) -> pd.DataFrame:
-        mapped = self._renamed(table)[0]
+        renamed = self._renamed(table)
+        mapped = renamed.table
         if TIME in mapped and len(mapped):
             mapped = mapped.assign(**{TIME: self._time.seconds(mapped[TIME])})
         numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)
         numbers = numbers.mask(numbers.abs() > LARGEST_VALUE)
-        numbers = self._sense.checked(numbers)
+        numbers = self._sense.checked(numbers, renamed.error_values)
         dark = without_light(numbers)
         return numbers.assign(**{column: numbers[column].mask(dark) for column in READOUTS}) if dark.any() else numbers
 

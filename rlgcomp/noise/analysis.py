@@ -17,6 +17,7 @@ from rlgcomp.noise.slopes import curve_findings, slope_segments
 from rlgcomp.noise.stationarity import Stationarity, check_stationarity
 from rlgcomp.recording import Recording
 from rlgcomp.recording.motion import ANGLES, RATE
+from rlgcomp.recording.outliers import gyro_outliers
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import DEG_PER_TURN
 
@@ -129,6 +130,7 @@ def analyse_noise(
     findings = (
         *curve_findings(fitted, coefficients, base_motion=stationarity is not None and stationarity.base_motion),
         *(() if stationarity is None else stationarity.findings()),
+        *_outlier_findings(recording, column, scored),
         *_temperature_findings(recording),
         *_turning_findings(recording),
     )
@@ -155,6 +157,14 @@ def deviation_and_coefficients(
     if tau_s is not None or per_decade < 7.0 or estimator in _FITTED:
         fitted = deviation_at(estimator=_FITTED.get(estimator, estimator))
     return deviation, fitted, fitted.noise()
+
+
+def _outlier_findings(recording: Recording, column: str, scored: npt.NDArray[np.bool_]) -> list[Message]:
+    """Outliers of the gyro that the curve has in it."""
+    found = gyro_outliers(recording, column)
+    if found is None or not (rows := found.rows & scored).any():
+        return []
+    return [dataclasses.replace(found, rows=rows, first_s=float(recording.time_s[rows][0])).message("in_curve")]
 
 
 def _temperature_findings(recording: Recording) -> list[Message]:

@@ -114,7 +114,7 @@ class Outliers:
 
         Parameters
         ----------
-        treatment : {"left_out", "replaced", "interpolated", "as_recorded", "followed", "inspected"}
+        treatment : {"left_out", "replaced", "interpolated", "as_recorded", "followed", "in_curve", "inspected"}
         run : str, optional
             Name of the recording, where a reader could not know it.
         """

@@ -162,8 +162,8 @@ def recording_of(
     table = table.drop(columns=list(drop))
     require_different(table.columns, name)
     own = list(map(str, table.columns))
-    table, stated_units, by_name = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
-    reading += by_name
+    mapped = apply_mapping(table, columns, name=name, file_units=file_units, stated_by=stated_by)
+    table, reading = mapped.table, reading + mapped.findings
     if period_s is not None:
         table, lost = _with_time(table, period_s, name)
         reading += lost
@@ -174,12 +174,13 @@ def recording_of(
             table,
             merged,
             name=name,
-            stated_units=stated_units,
+            stated_units=mapped.stated_units,
             simulated=simulated,
             gyro_required=gyro_required,
             sources=source_names(columns, own),
             converters=steps_of(columns, own),
             file_units=file_units,
+            error_values=mapped.error_values,
         )
     except UnusableRecordingError as error:
         raise UnusableRecordingError(name, reading + error.findings) from None

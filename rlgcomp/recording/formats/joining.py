@@ -87,7 +87,7 @@ def require_same(own: Mapping[str, Any], other: Mapping[str, Any], first: Path, 
 def _span(part: Contents, path: Path, mapping: Mapping[str, str]) -> _Span | None:
     """What a file covers; None where it has no time that can be compared yet."""
     own = {TIME: mapping[TIME]} if TIME in mapping else {}
-    mapped = apply_mapping(part.table, own, name=path.name, file_units=part.units)[0]
+    mapped = apply_mapping(part.table, own, name=path.name, file_units=part.units).table
     if TIME not in mapped:
         return None
     try:

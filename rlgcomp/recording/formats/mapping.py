@@ -9,19 +9,23 @@ in it: `Gyro Z [deg/s]`, `gz [0.00122 rad/s]`, `T [0.1 degC] - 40`, `R [Ohm Pt10
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, times
 from rlgcomp.recording.repair.context import Step
+from rlgcomp.recording.repair.sense import ERROR_VALUES
 from rlgcomp.report.messages import message
 from rlgcomp.report.messages.column_names import is_year
 
@@ -50,6 +54,27 @@ class Source(NamedTuple):
     offset: float = 0.0
 
 
+class Mapped(NamedTuple):
+    """A table under the contract's names and in its units.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        The mapped columns under their targets; the others as they were.
+    stated_units : frozenset of str
+        Targets whose unit was stated.
+    findings : tuple of Finding
+        Units that were taken from a name, and columns whose name states none, or one that is not understood.
+    error_values : mapping of str to mapping of float to float
+        Of each converted target, what has become of the numbers that loggers write for no reading, and these numbers.
+    """
+
+    table: pd.DataFrame
+    stated_units: frozenset[str]
+    findings: tuple[Finding, ...]
+    error_values: Mapping[str, Mapping[float, float]]
+
+
 def apply_mapping(
     table: pd.DataFrame,
     mapping: Mapping[str, str],
@@ -57,7 +82,7 @@ def apply_mapping(
     name: str,
     file_units: Mapping[str, str] | None = None,
     stated_by: str = "the row of units",
-) -> tuple[pd.DataFrame, frozenset[str], tuple[Finding, ...]]:
+) -> Mapped:
     """Rename and convert columns.
 
     Without a unit, in the source, in the file or in the name, a source is taken to be in the target's, which is said. Entries that
@@ -75,15 +100,6 @@ def apply_mapping(
     stated_by : str
         Where they stand, for the message.
 
-    Returns
-    -------
-    table : pandas.DataFrame
-        The mapped columns under their targets; the others as they were.
-    stated_units : frozenset of str
-        Targets whose unit was stated.
-    findings : tuple of Finding
-        Units that were taken from a name, and columns whose name states none, or one that is not understood.
-
     Raises
     ------
     InputError
@@ -93,6 +109,7 @@ def apply_mapping(
     findings: list[Finding] = []
     names: dict[str, list[str]] = {}
     converted: dict[str, pd.Series] = {}
+    error_values: dict[str, Mapping[float, float]] = {}
     for target, text in mapping.items():
         sources = sources_of(table.columns, str(text), name, file_units, parts=target == TIME)
         wanted = units.column_unit(target)
@@ -102,11 +119,12 @@ def apply_mapping(
         if len(sources) > 1:
             stated_units.add(target)
             converted[target] = times.of_parts([(one.column, table[one.column], one.unit) for one in known], name=name)
-        elif sources[0].unit is not None and wanted is not None:
-            stated_units.add(target)
-            converted[target] = _converted(table[sources[0].column], sources[0], wanted, target)
         elif known[0].unit is not None and wanted is not None:
+            if sources[0].unit is not None:
+                stated_units.add(target)
             converted[target] = _converted(table[known[0].column], known[0], wanted, target)
+            if target != TIME:
+                error_values[target] = _error_values(known[0]._replace(column=""), wanted)
         else:
             converted[target] = table[sources[0].column]
         names.setdefault(sources[0].column, []).append(target)
@@ -126,7 +144,7 @@ def apply_mapping(
         )
     columns = [target for column in table.columns for target in names.get(str(column), [column])]
     mapped = {column: converted[column] if column in converted else table[column] for column in columns}
-    return pd.DataFrame(mapped, copy=False), frozenset(stated_units), tuple(findings)
+    return Mapped(pd.DataFrame(mapped, copy=False), frozenset(stated_units), tuple(findings), error_values)
 
 
 def _before_its_remark(source: Source, wanted: str | None, target: str, findings: list[Finding]) -> Source:
@@ -245,10 +263,23 @@ def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> p
     if source.unit is not None and not units.same_kind(source.unit.removeprefix("-"), wanted):
         raise InputError(_other_kind(source.column, source.unit, wanted, target))
     read = pd.to_numeric(values, errors="coerce")
-    scaled = source.factor * read.to_numpy(dtype=np.float64, na_value=np.nan) + source.offset
-    result = pd.Series(units.convert(scaled, source.unit or wanted, wanted), index=values.index)
+    result = pd.Series(_in_unit(read.to_numpy(dtype=np.float64, na_value=np.nan), source, wanted), index=values.index)
     worded = (read.isna() & values.notna()).to_numpy()
     return result.astype(object).where(~worded, values) if worded.any() else result
+
+
+def _in_unit(numbers: npt.NDArray[np.float64], source: Source, wanted: str) -> npt.NDArray[np.float64]:
+    """Numbers of a source in a unit."""
+    return units.convert(source.factor * numbers + source.offset, source.unit or wanted, wanted)
+
+
+@functools.cache
+def _error_values(source: Source, wanted: str) -> Mapping[float, float]:
+    """Numbers that loggers write for no reading, by what they are in the unit of the target."""
+    written = np.array(list(ERROR_VALUES))
+    read = _in_unit(written, source, wanted)
+    by_read = zip(read.tolist(), map(ERROR_VALUES.__getitem__, written.tolist()), strict=True)
+    return MappingProxyType({number: value for number, value in by_read if math.isfinite(number)})
 
 
 def _same_unit(unit: str, wanted: str) -> bool:

@@ -101,7 +101,7 @@ def read_pieces(
     converters = steps_of(needed, names)
     first, clock = 0, _RunningClock(path.name, converters[TIME].size if TIME in converters else None)
     for table in _joined(_tables(path, list(dict.fromkeys(sources)), rows), rows):
-        mapped, stated_units, by_name = apply_mapping(table, needed, name=path.name, file_units=known)
+        mapped, stated_units, by_name, error_values = apply_mapping(table, needed, name=path.name, file_units=known)
         reading += by_name if not first else ()
         if period_s is not None:
             mapped = mapped.assign(**{TIME: period_s * np.arange(first, first + len(table))})
@@ -112,6 +112,7 @@ def read_pieces(
             stated_units=stated_units,
             sources=source_names(needed, list(table.columns)),
             converters=converters,
+            error_values=error_values,
         )
         whole = whole.assign(**{TIME: clock.running(whole[TIME].to_numpy(), findings, first)})
         first += len(table)

@@ -95,6 +95,7 @@ def repair(
     sources: Mapping[str, str] | None = None,
     converters: Mapping[str, Step] | None = None,
     file_units: Mapping[str, str] | None = None,
+    error_values: Mapping[str, Mapping[float, float]] | None = None,
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -118,6 +119,8 @@ def repair(
         Stated steps of the converters and counters that columns hold.
     file_units : mapping of str to str, optional
         Units that the file states beside its own names, for messages.
+    error_values : mapping of str to mapping of float to float, optional
+        Of columns that were converted, what has become of the numbers that loggers write for no reading, and these numbers.
 
     Returns
     -------
@@ -137,6 +140,7 @@ def repair(
         sources=sources or {},
         converters=converters or {},
         file_units=file_units or {},
+        error_values=error_values or {},
     )
     for check in CHECKS:
         table = check(table, context)

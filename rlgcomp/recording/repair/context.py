@@ -47,6 +47,8 @@ class Context:
         Stated steps of the converters and counters that columns hold.
     file_units : mapping of str to str
         Units that the file states beside its own names, for messages.
+    error_values : mapping of str to mapping of float to float
+        Of columns that were converted, what has become of the numbers that loggers write for no reading, and these numbers.
     """
 
     metadata: Metadata
@@ -57,6 +59,7 @@ class Context:
     sources: Mapping[str, str] = dataclasses.field(default_factory=dict)
     converters: Mapping[str, Step] = dataclasses.field(default_factory=dict)
     file_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    error_values: Mapping[str, Mapping[float, float]] = dataclasses.field(default_factory=dict)
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
     _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -32,9 +33,9 @@ class _Column:
     largest_step: float = 0.0
     turned: float = 0.0
 
-    def is_error(self, value: float) -> bool:
+    def is_error(self, value: float, error_values: Mapping[float, float]) -> bool:
         """Whether a number that loggers write for no reading lies far from all values before."""
-        if value not in ERROR_VALUES or self.known < FEWEST:
+        if value not in error_values or self.known < FEWEST:
             return False
         away = max(value - self.greatest, self.least - value)
         return away > ISOLATED * max(self.greatest - self.least, 1e-12)
@@ -61,23 +62,31 @@ class RunningSense:
         self.changed: Counter[str] = Counter()
         self._columns: dict[str, _Column] = {}
 
-    def checked(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The next rows, with values that make no sense missing and counters running on."""
+    def checked(self, table: pd.DataFrame, error_values: Mapping[str, Mapping[float, float]]) -> pd.DataFrame:
+        """The next rows, with values that make no sense missing and counters running on.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame
+        error_values : mapping of str to mapping of float to float
+            Of columns that were converted, what has become of the numbers that loggers write for no reading.
+        """
         result = {}
         for name in map(str, table.columns):
             if name in (TIME, *ENCODERS) or is_compensation(name):
                 continue
             values = table[name].to_numpy(dtype=np.float64)
-            checked = np.array([self._value(name, value) for value in values.tolist()])
+            errors = error_values.get(name, ERROR_VALUES)
+            checked = np.array([self._value(name, value, errors) for value in values.tolist()])
             if not np.array_equal(values, checked, equal_nan=True):
                 result[name] = checked
         return table.assign(**result) if result else table
 
-    def _value(self, name: str, value: float) -> float:
+    def _value(self, name: str, value: float, error_values: Mapping[float, float]) -> float:
         column = self._columns.setdefault(name, _Column())
         if np.isnan(value):
             return value
-        if not (is_gyro(name) and name.endswith("_pulses")) and column.is_error(value):
+        if not (is_gyro(name) and name.endswith("_pulses")) and column.is_error(value, error_values):
             self.changed[ERRORS] += 1
             return np.nan
         value -= column.turned

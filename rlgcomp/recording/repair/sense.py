@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -14,11 +15,14 @@ from rlgcomp.report.messages import message
 
 ABSOLUTE_ZERO_DEGC: Final = -273.15
 HOTTEST_DEGC: Final = 300.0  # of any chamber, and of the adhesives and solder of a gyro
-# Numbers that loggers, converters and thermometers write for no reading.
-ERROR_VALUES: Final = (
-    -9999.0, -999.0, -99999.0, -999.9, -999.99, -9999.9, -8888.0, -7999.0, 7999.0, 9999.0, 99999.0, 999.9, 9999.9, 850.0, -127.0,
-    32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0, 1e6, -1e6, 1e9, -1e9,
+# Numbers that loggers, converters and thermometers write for no reading, by themselves and by what single precision makes of them.
+_WRITTEN: Final = (
+    -9999.0, -999.0, -99999.0, -999.9, -999.99, -9999.9, -9999.99, -8888.0, -7999.0, 7999.0, 9999.0, 99999.0, 999.9, 999.99,
+    9999.9, 9999.99, 850.0, -127.0, 32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 4294967295.0, 1e6, -1e6, 1e9, -1e9,
 )  # fmt: skip
+ERROR_VALUES: Final[Mapping[float, float]] = {float(np.float32(value)): value for value in _WRITTEN} | {
+    value: value for value in _WRITTEN
+}
 ISOLATED: Final = 1.5  # ranges of the other values that an error value lies away from them
 _MODULI: Final = (2.0**32, 2.0**16, 2.0**8)
 CLOSE: Final = 0.02  # of the modulus: steps besides the jumps are smaller
@@ -163,8 +167,9 @@ def error_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     changed = {}
     for column in _measured(table):
         extent = context.extents(table)[column]
+        error_values = context.error_values.get(column, ERROR_VALUES)
         candidates = [
-            value for value in ERROR_VALUES if value in (extent.least, extent.greatest) or extent.least < value < extent.greatest
+            value for value in error_values if value in (extent.least, extent.greatest) or extent.least < value < extent.greatest
         ]
         if not candidates or (is_gyro(column) and column.endswith("_pulses")):
             continue
@@ -181,7 +186,7 @@ def error_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             away |= (values < ABSOLUTE_ZERO_DEGC) | (values > HOTTEST_DEGC)
         marked &= away
         if marked.any():
-            written = sorted({float(value) for value in np.unique(values[marked])})
+            written = sorted({error_values[value] for value in np.unique(values[marked]).tolist()})
             context.add(
                 "repaired", message("recording.error_values", values=int(marked.sum()), written=written), column, marked.argmax()
             )

@@ -147,6 +147,7 @@ _TREATMENTS: Final = {
     "replaced": "replaced by what the table and the neighbours show",
     "interpolated": "interpolated between the neighbours",
     "as_recorded": "left as recorded",
+    "in_curve": "they are in the curve: take a part without them, as RUN@START:STOP, or leave these cells empty",
     "followed": "a compensation that runs sample by sample follows them",
 }
 
