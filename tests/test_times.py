@@ -148,6 +148,22 @@ def test_days_that_claim_to_be_seconds_are_refused() -> None:
     assert by_code(caught.value.findings)["time_in_days"].message.data["period_s"] == pytest.approx(1 / 86400.0)
 
 
+@pytest.mark.parametrize("step_s", [0.1, 2.0, 10.0])
+@pytest.mark.parametrize(("count", "day"), [("datenum", 739000.0), ("jd", 2459235.4), ("excel", 44216.9), ("mjd", 59234.9)])
+def test_days_of_any_count_are_refused_as_seconds_with_the_count(tmp_path: Path, count: str, day: float, step_s: float) -> None:
+    frame = table(0.0, {"t": day + step_s * SECONDS / 86400.0}).drop(columns="time_s")
+    with pytest.raises(rlg.InputError, match=r"looks like days; map it with --map time_s='t \[\w+\]'.*\[d\].*\[s\]") as caught:
+        read(tmp_path, frame, {"time_s": "t"})
+    assert f"[{count}]" in str(caught.value)
+    assert read(tmp_path, frame, {"time_s": f"t [{count}]"}).period_s == pytest.approx(step_s, rel=1e-3)
+    assert read(tmp_path, frame, {"time_s": "t [s]"}).period_s == pytest.approx(step_s / 86400.0, rel=1e-3)
+
+
+def test_seconds_of_a_week_at_a_kilohertz_are_no_days() -> None:
+    for first in (43200.0, 604000.0, 739000.0):
+        assert "time_in_days" not in repaired(first + 2e-3 * SECONDS)[1]
+
+
 @pytest.mark.parametrize(
     ("unit", "factor"), [("min", 60.0), ("h", 3600.0), ("d", 86400.0), ("us", 1e-6), ("ns", 1e-9), ("msec", 1e-3)]
 )

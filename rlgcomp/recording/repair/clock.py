@@ -17,7 +17,11 @@ from rlgcomp.units import SECONDS_PER_HOUR
 
 SHORTEST_PERIOD_S: Final = 2e-5
 LONGEST_PERIOD_S: Final = 300.0
-_DAYS: Final = (20_000.0, 100_000.0)  # of spreadsheets and Julian days without their first digits, from 1954 and 1913 on
+_DAYS: Final = (  # from, to, the longest step that is questioned as one in seconds, and how such days may be counted
+    (20_000.0, 100_000.0, 2e-4, ("excel", "mjd")),  # from 1954 and 1913 on; seconds of a day are as many
+    (710_000.0, 800_000.0, 1e-3, ("datenum",)),  # from 1943 on; a GPS week has fewer seconds
+    (2_430_000.0, 2_500_000.0, 1e-3, ("jd",)),  # from 1940 on
+)
 _FEW_DAYS: Final = 30.0
 
 
@@ -125,10 +129,14 @@ def time_unit(table: pd.DataFrame, context: Context) -> pd.DataFrame:
     if first > 1e11:
         unit = epoch_unit(first) or ("ms" if first < 1e14 else "us")
         context.add("refused", message("recording.time_since_1970", first=first, unit=unit, source=context.source(TIME)), TIME, 0)
-    elif _DAYS[0] <= first <= _DAYS[1] and 0.0 < last - first < _FEW_DAYS and (last - first) / len(known) < SHORTEST_PERIOD_S:
-        step_s = (last - first) / (len(known) - 1)
-        about = message("recording.time_in_days", first=first, period_s=step_s, source=context.source(TIME))
-        context.add("refused", about, TIME, 0)
+        return table
+    step_s = abs(last - first) / max(len(known) - 1, 1)
+    for begin, end, longest_s, counts in _DAYS:
+        if begin <= first <= end and 0.0 < abs(last - first) < _FEW_DAYS and step_s < longest_s:
+            about = message(
+                "recording.time_in_days", first=first, period_s=step_s, source=context.source(TIME), counts=list(counts)
+            )
+            context.add("refused", about, TIME, 0)
     return table
 
 

@@ -152,6 +152,14 @@ _TREATMENTS: Final = {
 }
 
 
+def time_in_days(*, first: float, period_s: float, source: str, counts: Sequence[str]) -> str:
+    return (
+        f"begins at {first:.10g} with a step of {period_s:.3g}, too short for seconds: that looks like days; map it "
+        f"with --map time_s='{source} [{counts[0]}]'{''.join(f' or [{other}]' for other in counts[1:])} to know the dates, with "
+        "[d] for days without dates, or with [s] if it is in seconds"
+    )
+
+
 def gyro_outliers(*, column: str, samples: int, first_s: float, largest_sd: float, treatment: str, run: str | None) -> str:
     text = f"{_deviating(samples, largest_sd, first_s)}: shocks or faults of the logger"
     return _treated(text, column, treatment, run, "training, evaluation and diagnosis leave them out")
@@ -221,10 +229,6 @@ TEXTS: Final = {
         "begins there, split the file in two; otherwise sort it"
     ),
     "time_since_1970": ("begins at {first:.4g}: that looks like {unit} since 1970; map it with --map time_s='{source} [{unit}]'"),
-    "time_in_days": (
-        "begins at {first:.6g} with a step of {period_s:.3g} s: that looks like days; map it with --map time_s='{source} [d]', or "
-        "with [excel] or [mjd] to know the dates"
-    ),
     "roll_over": "the clock begins again {times} times, after {clock} ({range_s:.10g} s): undone, it now runs on",
     "lost_by_counter": (
         "{source!r} counts the samples and shows that {lost} of {of} are lost: the time is its count times the sample period"
