@@ -106,6 +106,20 @@ def test_impossible_temperatures_are_missing_where_few_and_refused_where_many() 
     assert data["greatest"] == pytest.approx(5000.0, abs=1.0)
 
 
+def test_degrees_that_are_taken_for_kelvin_are_refused_with_the_map_that_reads_them(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    table().rename(columns={"temperature_block_degC": "temps_1"}).to_csv(path, index=False)
+    with pytest.raises(UnusableRecordingError) as caught:
+        rlg.read(path, columns={"temperature_block_degC": "temps_1 [K]"})
+    (found,) = [finding.message for finding in caught.value.findings if finding.severity == "refused"]
+    assert (found.code, found.data["median"]) == ("recording.near_absolute_zero", pytest.approx(-253.15, abs=0.1))
+    assert "--map temperature_block_degC='temps_1 [degC]'" in found.text
+    assert len(rlg.read(path, columns={"temperature_block_degC": "temps_1 [degC]"})) == ROWS
+    assert refused(table(temperature_block_degC=BLOCK - 273.15))["near_absolute_zero"].message.data["column"]
+    cooled = repaired(table(temperature_shroud_degC=-190.0 + 0.1 * BLOCK))[1]
+    assert "near_absolute_zero" not in cooled
+
+
 @pytest.mark.parametrize(("steps", "modulus"), [(256.0, 256.0), (100.0, None)])
 def test_a_converter_of_sixteen_bits_without_its_sign(steps: float, modulus: float | None) -> None:
     """Signed readings, of 1/256 K or 1/100 K, that a logger takes for unsigned ones."""

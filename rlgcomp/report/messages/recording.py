@@ -302,6 +302,10 @@ TEXTS: Final = {
     ),
     "unit_not_stated": "{source!r} states no unit that is known: taken as {wanted}; if it is in another, write '{source} [UNIT]'",
     "kelvin": "the median is {median:.1f}: that looks like kelvin; map it with --map {column}='{source} [K]'",
+    "near_absolute_zero": (
+        "the median is {median:.1f} degC, near absolute zero: that looks like degC taken for kelvin; map it with "
+        "--map {column}='{source} [degC]', or where the column itself is 273.15 K too low with '{source} [degC] + 273.15'"
+    ),
     "mean_above_earth_rate": "the mean is {mean_deg_h:.4g} deg/h: more than Earth rate; if the unit is wrong, state it with --map",
     "error_values": "{values} values are {written}, which loggers write for no reading: they count as missing",
     "counter_overflow": (
