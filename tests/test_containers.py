@@ -164,6 +164,35 @@ def test_excel(tmp_path: Path, dates: bool, above: list[list[object]]) -> None:
     assert found["units_row"].message.data["units"]["wb_1"] == "°/h"
 
 
+@pytest.mark.needs("openpyxl")
+@pytest.mark.parametrize("prefix", ["", "Data/"])
+def test_a_mapping_chooses_among_sheets(tmp_path: Path, prefix: str) -> None:
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    cover, data, longer = book.active, book.create_sheet("Data"), book.create_sheet("Spectrum")
+    cover.title = "Cover"
+    for row in (["Protocol", None], ["Operator", "Meier"], ["Date", "5.3.2024"], ["Device", "RLG-17"]):
+        cover.append(row)
+    data.append(["t", "wb_1 [°/h]", "wb_3"])
+    longer.append(["Frequency", "Power"])
+    for k in range(ROWS):
+        data.append([TIME[k], RATES[k, 0], RATES[k, 2]])
+    book.save(tmp_path / "short.xlsx")
+    for k in range(2 * ROWS):
+        longer.append([0.1 * k, 1.0])
+    book.save(tmp_path / "long.xlsx")
+    mapping = {"time_s": f"{prefix}t", "gyro_x_deg_h": f"{prefix}wb_1", "gyro_z_deg_h": f"{prefix}wb_3 [deg/h]"}
+    for name in ("short.xlsx", "long.xlsx"):
+        run = rlg.read(tmp_path / name, columns=mapping)
+        expect(run)
+        about = by_code(run.findings)["left_out"].message
+        assert "Cover" in about.data["names"]
+        assert "is the sheet Data, of 600 rows" in about.text
+    with pytest.raises(rlg.InputError, match=r"the columns are t, wb_1 \[°/h\], wb_3"):
+        rlg.read(tmp_path / "short.xlsx")
+
+
 @pytest.mark.needs("nptdms")
 @pytest.mark.parametrize("clock", ["channel", "increment"])
 def test_tdms(tmp_path: Path, clock: str) -> None:

@@ -1,8 +1,9 @@
-"""Excel workbooks (.xlsx): the first sheet that holds a table, read as text is; needs the extra `excel`."""
+"""Excel workbooks (.xlsx): the sheet of the mapped columns, or of the most rows, read as text is; needs the extra `excel`."""
 
 from __future__ import annotations
 
 import datetime
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,16 +13,31 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Finding
 from rlgcomp.recording.formats import csv
 from rlgcomp.recording.formats.contents import Contents
-from rlgcomp.recording.formats.dialect import dialect_of
+from rlgcomp.recording.formats.dialect import Dialect, dialect_of
+from rlgcomp.recording.formats.mapping import has_column
 from rlgcomp.report.messages import message
 
+CONTAINER: Final = True
 SUFFIXES: Final = ()
 READ_ONLY: Final = (".xlsx", ".xlsm")
 _SHOWING: Final = 200  # rows that show where the names and units stand
 
 
-def load(path: Path) -> Contents:
-    """Contents of the first sheet of at least two columns and three rows; other sheets are named."""
+def load(path: Path, wanted: Sequence[str] = ()) -> Contents:
+    """Contents of one sheet of at least two columns and three rows; other sheets are named.
+
+    Parameters
+    ----------
+    path : Path
+    wanted : sequence of str
+        Sources of a mapping: the sheet is the one that has the most of them, and of several the one of the most rows. A name may
+        stand behind that of its sheet, as `Sheet/Column`.
+
+    Raises
+    ------
+    InputError
+        The workbook is damaged, or no sheet holds a table.
+    """
     try:
         from openpyxl import load_workbook
     except ImportError:
@@ -35,19 +51,45 @@ def load(path: Path) -> Contents:
         book.close()
     except Exception as error:  # noqa: BLE001  a damaged file can make the reader fail in any way
         raise InputError(f"{path} is not readable as Excel: {(str(error).splitlines() or ['damaged'])[0]}") from None
-    title = next((name for name, rows in sheets.items() if len(rows) > 2 and max(map(len, rows)) > 1), None)
-    if title is None:
+    tables = {name: rows for name, rows in sheets.items() if len(rows) > 2 and max(map(len, rows)) > 1}
+    if not tables:
         raise InputError(f"{path} holds no table: its sheets are {', '.join(sheets)}")
-    rows = sheets.pop(title)
-    written = dialect_of(["\t".join(map(_text, row)) for row in rows[:_SHOWING]])
+    own = {name: _named(name, rows, path) for name, rows in tables.items()}
+
+    def merit(name: str) -> tuple[int, int]:
+        return sum(has_column(own[name], one) or has_column(own[name].values(), one) for one in wanted), len(tables[name])
+
+    title = max(tables, key=merit)
+    rows = tables[title]
+    written = _dialect(rows)
     names = csv.names_of(written, path)
     cells = [tuple(row[: len(names)]) + (None,) * (len(names) - len(row)) for row in rows[written.first :]]
     table, findings = csv.tidied(pd.DataFrame(cells, columns=names).infer_objects(), written, path)
-    other = [name for name, content in sheets.items() if content]
+    other = [name for name, content in sheets.items() if content and name != title]
     if other:
-        findings += (Finding("noted", message("recording.left_out", rows=len(table), names=other, count=len(other))),)
+        about = message("recording.left_out", rows=len(table), names=other, count=len(other), sheet=title)
+        findings += (Finding("noted", about),)
+    full = {name: inside for inside, name in own[title].items() if _asked(inside, name, wanted)}
+    units = {full.get(name, name): unit for name, unit in csv.units_of(written, path).items()}
     read = tuple(one for one in written.findings if "comma" not in one.message.code)
-    return Contents(table, {}, csv.units_of(written, path), read + findings)
+    return Contents(table.rename(columns=full), {}, units, read + findings)
+
+
+def _dialect(rows: Sequence[Sequence[Any]]) -> Dialect:
+    return dialect_of(["\t".join(map(_text, row)) for row in rows[:_SHOWING]])
+
+
+def _named(title: str, rows: Sequence[Sequence[Any]], path: Path) -> dict[str, str]:
+    """Names of a sheet's columns, by themselves behind that of the sheet; none where it has no names that can be told."""
+    try:
+        return {f"{title}/{name}": name for name in csv.names_of(_dialect(rows), path)}
+    except InputError:
+        return {}
+
+
+def _asked(inside: str, name: str, wanted: Sequence[str]) -> bool:
+    """Whether a source means a column by the name behind that of its sheet, and not by its own."""
+    return any(has_column([inside], source) and not has_column([name], source) for source in wanted)
 
 
 def _text(cell: Any) -> str:

@@ -50,9 +50,9 @@ def no_names(*, columns: Sequence[str]) -> str:
     )
 
 
-def left_out(*, rows: int, names: Sequence[str], count: int) -> str:
+def left_out(*, rows: int, names: Sequence[str], count: int, sheet: str | None = None) -> str:
     more = f" and {count - len(names)} more" if count > len(names) else ""
-    return f"the table has {rows} rows; not taken: {_listed(names)}{more}"
+    return f"the table {'has' if sheet is None else f'is the sheet {sheet}, of'} {rows} rows; not taken: {_listed(names)}{more}"
 
 
 def numbers_above_names(*, rows: int, first: str) -> str:
