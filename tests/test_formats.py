@@ -674,6 +674,21 @@ def test_what_a_refusal_proposes_works() -> None:
     assert run.column("temperature_block_degC") == pytest.approx(block)
 
 
+def test_a_target_that_is_nearly_a_standard_name_is_asked_about() -> None:
+    """No other column is proposed for what was meant; names that are none of the standard ones stay allowed."""
+    gyro = np.random.default_rng(1).normal(size=200) / 3600.0
+    table = pd.DataFrame({"time_s": np.arange(200.0), "GyroX_dps": gyro, "GyroY_dps": gyro, "h": np.arange(200.0)})
+    with pytest.raises(rlg.InputError) as refused:
+        rlg.recording(table, columns={"gyro_degh": "GyroX_dps"})
+    assert "if gyro_deg_h is meant, write --map gyro_deg_h='GyroX_dps [deg/s]'" in str(refused.value)
+    assert "gyro_degh is no standard name: write gyro_deg_h in its place" in str(refused.value)
+    assert "GyroY_dps [deg/s]" not in str(refused.value)
+    run = rlg.recording(table, columns={"gyro_deg_h": "GyroX_dps", "humidity_percent": "h", "readout_c_V": "h"})
+    assert "nearly_standard_target" not in by_code(run.findings)
+    run = rlg.recording(table, columns={"gyro_deg_h": "GyroX_dps", "presure_hPa": "h"})
+    assert by_code(run.findings)["nearly_standard_target"].message.data["nearest"] == "pressure_hPa"
+
+
 def test_group_names_and_dates_have_no_unit_at_the_end() -> None:
     """`imu/A` beside `imu/B` is a channel of a group; a column of dates named `t_min` stays one of dates."""
     random = np.random.default_rng(1)

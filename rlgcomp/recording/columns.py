@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from rlgcomp.numerics.column_ranges import extents, step_extent
+from rlgcomp.units import is_thermometer
 
 TIME: Final = "time_s"
 GYRO_UNITS: Final = ("_deg_h", "_deg_s", "_pulses")
@@ -41,6 +44,15 @@ STANDARD: Final = {  # names of columns and what they hold; the unit is the end 
     "compensation_out_of_range": "written by `compensate`: 1 where an input is outside the training range",
     "truth_<mechanism>_deg_h": "written by `simulate`: contribution of a mechanism",
 }
+_WRITTEN_BY_US: Final = ("truth_", "compensation_")
+_WRITTEN_OUT: Final = [
+    name.replace("_x_", axis)
+    for name in STANDARD
+    for axis in (("_x_", "_y_", "_z_") if "_x_" in name else ("",))
+    if "<" not in name and not name.startswith(_WRITTEN_BY_US)
+]
+_NEARLY: Final = 0.8  # of difflib's likeness
+_DEGREES: Final = re.compile(r"(temperature_\w+?)_?deg_?c?", re.IGNORECASE)
 _LARGEST: Final = float(np.finfo(np.float64).max)
 
 
@@ -52,6 +64,31 @@ def is_gyro(column: str) -> bool:
 def is_compensation(column: str) -> bool:
     """Whether a column was written by a compensation: it is no monitor."""
     return column.startswith("compensation_")
+
+
+def nearest_standard(name: str) -> str | None:
+    """The standard name that a name nearly is; None where it is one, or another: with a further word, number or letter of its own.
+
+    >>> nearest_standard("gyro_degh"), nearest_standard("presure_hPa"), nearest_standard("temperature_mirror_degc")
+    ('gyro_deg_h', 'pressure_hPa', 'temperature_mirror_degC')
+    >>> [nearest_standard(name) for name in ("gyro_x_deg_h", "readout_c_V", "magnetic_field_x_uT", "pressure_2_hPa", "humidity")]
+    [None, None, None, None, None]
+    """
+    if name in STANDARD or is_gyro(name) or is_thermometer(name) or name.startswith((*_WRITTEN_BY_US, "accel_")):
+        return None
+    if degrees := _DEGREES.fullmatch(name):
+        return f"{degrees[1]}_degC"
+    near = difflib.get_close_matches(name, _WRITTEN_OUT, n=1, cutoff=_NEARLY)
+    return near[0] if near and not _is_another(name.split("_"), near[0].split("_")) else None
+
+
+def _is_another(words: list[str], standard: list[str]) -> bool:
+    """Whether a name differs from a standard one by further words, by numbers or by single letters alone."""
+    plain = [bare for word in words if (bare := word.rstrip("0123456789"))]
+    if len(plain) == len(standard):
+        return all(one == other or len(one) == len(other) == 1 for one, other in zip(plain, standard, strict=True))
+    rest = iter(plain)
+    return all(word in rest for word in standard)
 
 
 def rate_name(gyro_column: str) -> str:

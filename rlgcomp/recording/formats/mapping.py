@@ -24,6 +24,7 @@ import pandas as pd
 from rlgcomp import units
 from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, times
+from rlgcomp.recording.columns import nearest_standard
 from rlgcomp.recording.repair.context import Step
 from rlgcomp.recording.repair.sense import ERROR_VALUES
 from rlgcomp.report.messages import message
@@ -64,7 +65,8 @@ class Mapped(NamedTuple):
     stated_units : frozenset of str
         Targets whose unit was stated.
     findings : tuple of Finding
-        Units that were taken from a name, and columns whose name states none, or one that is not understood.
+        Units that were taken from a name, columns whose name states none, or one that is not understood, and targets that are
+        nearly a standard name.
     error_values : mapping of str to mapping of float to float
         Of each converted target, what has become of the numbers that loggers write for no reading, and these numbers.
     """
@@ -116,6 +118,9 @@ def apply_mapping(
         sources = [_before_its_remark(one, wanted, target, findings) for one in sources]
         calendar = len(sources) > 1 and is_year(sources[0].column)  # whose parts have the units of their places
         known = [one if one.unit or calendar else _by_its_name(one, table, wanted, target, findings) for one in sources]
+        if (nearest := nearest_standard(target)) is not None and nearest not in mapping and nearest not in table.columns:
+            about = message("recording.nearly_standard_target", nearest=nearest, source=str(text))
+            findings.append(Finding("noted", about, target))
         if len(sources) > 1:
             stated_units.add(target)
             converted[target] = times.of_parts([(one.column, table[one.column], one.unit) for one in known], name=name)

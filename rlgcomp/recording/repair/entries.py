@@ -6,12 +6,14 @@ A monitor's last value stands in for missing ones for a while; a row without a g
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from rlgcomp.recording import FEWEST_ROWS, TIME, is_gyro
+from rlgcomp.recording.columns import nearest_standard
 from rlgcomp.recording.repair.context import FEW, Array, Context, Mask
 from rlgcomp.recording.times import (
     AmbiguousDatesError,
@@ -47,12 +49,22 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         return table
     if TIME not in table:
         dated = [str(column) for column in table.columns if _holds_dates(table[column].head(_SHOWING))]
-        context.add("refused", message("recording.no_time_column", columns=columns, dated=dated))
-    if context.gyro_required and not any(is_gyro(str(column)) for column in table.columns):
-        context.add("refused", message("recording.no_gyro_column", columns=columns, units=dict(context.file_units)))
+        context.add(
+            "refused",
+            message("recording.no_time_column", columns=columns, dated=dated, meant=_meant(context, lambda name: name == TIME)),
+        )
+    if context.gyro_required and not any(is_gyro(column) for column in columns):
+        about = {"columns": columns, "units": dict(context.file_units), "meant": _meant(context, is_gyro)}
+        context.add("refused", message("recording.no_gyro_column", **about))
     if len(table) < FEWEST_ROWS:
         context.add("refused", message("recording.too_few_rows", rows=len(table), least=FEWEST_ROWS))
     return table
+
+
+def _meant(context: Context, wanted: Callable[[str], bool]) -> dict[str, str]:
+    """Targets of the mapping that are nearly a standard name of a kind, and that name."""
+    near = {target: nearest_standard(target) for target in context.sources}
+    return {target: name for target, name in near.items() if name is not None and wanted(name)}
 
 
 def _shown(entry: object) -> str:

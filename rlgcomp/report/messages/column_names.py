@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rlgcomp.units import header_unit, is_unit, same_kind, unit_in_name
+from rlgcomp.units import column_unit, header_unit, is_unit, same_kind, unit_in_name
 
 _TIME: Final = re.compile(
     r"(mess|abtast|system|log|utc|local)?\W?(time|zeit|uhrzeit|zeitstempel|temps|heure|horodatage|tiempo|hora|tempo|ora|orario|czas|tid|"
@@ -133,6 +133,16 @@ def names_a_gyro(column: str) -> bool:
     (True, True, True, False)
     """
     return _GYRO.search(column) is not None or _unit_of(column, "deg/h") is not None
+
+
+def mapped(standard: str, source: str) -> str:
+    """The option that maps a source onto a standard name, with the unit that the source's name states.
+
+    >>> mapped("gyro_deg_h", "GyroX_dps"), mapped("gyro_deg_h", "GyroX_dps [0.1 deg/s]"), mapped("gyro_deg_h", "rate")
+    ("--map gyro_deg_h='GyroX_dps [deg/s]'", "--map gyro_deg_h='GyroX_dps [0.1 deg/s]'", '--map gyro_deg_h=rate')
+    """
+    unit = column_unit(standard)
+    return _option(standard, source if unit is None else _with_unit(source, unit))
 
 
 def _quantity(column: str) -> str:

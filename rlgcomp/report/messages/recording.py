@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rlgcomp.report.messages.column_names import suggested_gyro, suggested_time
+from rlgcomp.report.messages.column_names import mapped, suggested_gyro, suggested_time
 from rlgcomp.units import value_and_sd
 
 
@@ -17,18 +17,27 @@ def time_stamps_left_out(*, repeated: int, backward: int) -> str:
     return f"{' and '.join(kind for kind in kinds if kind)} time stamps, rows left out"
 
 
-def no_time_column(*, columns: Sequence[str], dated: Sequence[str]) -> str:
+def nearly_standard_target(*, nearest: str, source: str) -> str:
+    return f"is no standard name and stays a further column; if {nearest} is meant, write {mapped(nearest, source)}"
+
+
+def _misnamed(meant: Mapping[str, str]) -> str:
+    return " and ".join(f"{target} is no standard name: write {name} in its place" for target, name in meant.items())
+
+
+def no_time_column(*, columns: Sequence[str], dated: Sequence[str], meant: Mapping[str, str]) -> str:
     here = suggested_time(columns, dated)
     general = (
         "map the time with --map time_s='NAME [unit]', of two columns with 'DATE + TIME', a counter with its step, 'COUNT [4 ms]'"
     )
-    how = f"map the time, here probably with {here}" if here else general
+    how = _misnamed(meant) or (f"map the time, here probably with {here}" if here else general)
     return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
 
 
-def no_gyro_column(*, columns: Sequence[str], units: Mapping[str, str]) -> str:
+def no_gyro_column(*, columns: Sequence[str], units: Mapping[str, str], meant: Mapping[str, str]) -> str:
     here = suggested_gyro(columns, units)
-    how = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
+    general = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
+    how = _misnamed(meant) or general
     return f"no gyro column; the columns are {_listed(columns)}; {how}"
 
 
