@@ -79,6 +79,17 @@ def test_a_mapping_chooses_among_groups(tmp_path: Path) -> None:
         assert "left_out" in by_code(read.findings)
 
 
+def test_a_gyro_that_is_not_in_the_table_is_proposed(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["gyro/timestamp"], file["gyro/rate"] = TIME, RATES[:, 0]
+        file["gyro/rate"].attrs["units"] = "deg/h"
+        file["hk/timestamp"], file["hk/block"], file["hk/case"] = SLOW_TIME, SLOW, SLOW
+    with pytest.raises(rlg.InputError, match=r"no gyro column.*with --map gyro_deg_h=gyro/rate$"):
+        rlg.read(tmp_path / "a.h5")
+    run = rlg.read(tmp_path / "a.h5", columns={"time_s": "timestamp", "gyro_deg_h": "gyro/rate"})
+    assert run.column("gyro_deg_h") == pytest.approx(RATES[:, 0])
+
+
 def test_channels_of_another_length_are_named(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["time_s"], file["gyro_x_deg_h"], file["gyro_z_deg_h"] = TIME, RATES[:, 0], RATES[:, 2]

@@ -107,6 +107,7 @@ def read(
         stated_by="the row of units" if forms[0] in (csv, excel) else "the unit stated in the file",
         reading=reading,
         gyro_required=gyro_required,
+        beside=list(other),
     )
 
 
@@ -124,6 +125,7 @@ def recording_of(
     stated_by: str = "the row of units",
     reading: tuple[Finding, ...] = (),
     gyro_required: bool = True,
+    beside: Sequence[str] = (),
 ) -> Recording:
     """A table under its own names, from a file or from memory, as a repaired recording.
 
@@ -151,6 +153,8 @@ def recording_of(
         Findings of reading the file.
     gyro_required : bool
         Whether a table without a gyro is refused.
+    beside : sequence of str
+        Channels of the file that are not in the table, of which one may be the gyro.
 
     Raises
     ------
@@ -181,6 +185,7 @@ def recording_of(
             converters=steps_of(columns, own),
             file_units=file_units,
             error_values=mapped.error_values,
+            beside=beside,
         )
     except UnusableRecordingError as error:
         raise UnusableRecordingError(name, reading + error.findings) from None

@@ -150,10 +150,11 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
     names = {name if _full(one) not in asked else _full(one): one for name, one in _names(main.channels).items()}
     table = {name: np.asarray(channel.values) for name, channel in names.items()}
     findings: list[Finding] = []
-    left_out, other = list(passed_over), dict[str, int]()
+    left_out, other, beside = list(passed_over), dict[str, int](), dict[str, str]()
     for base in (base for base in bases if base is not main):
         if main.time is None or base.time is None or base.rows >= main.rows or not _overlap(main.time, base.time):
             other |= {_full(one): base.rows for one in base.channels}
+            beside |= {_full(one): one.unit for one in base.channels if one.unit}
             left_out += [f"{_full(one)} ({base.rows} rows)" for one in base.channels]
             continue
         measured = [one for one in base.channels if not (_is_time(one) or is_gyro(one.name))]
@@ -165,6 +166,7 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
             table[name] = np.where(within, np.interp(at, own, channel.values.astype(np.float64)), np.nan)
         gyros = [one for one in base.channels if is_gyro(one.name)]
         other |= {_full(one): base.rows for one in gyros}
+        beside |= {_full(one): one.unit for one in gyros if one.unit}
         left_out += [f"{_full(one)} ({base.rows} rows)" for one in gyros]
         about = message("recording.other_time_base", columns=[one.name for one in measured], rows=base.rows, of=main.rows)
         if measured:
@@ -173,7 +175,7 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
         findings.append(
             Finding("noted", message("recording.left_out", rows=main.rows, names=left_out[:_PRINTED], count=len(left_out)))
         )
-    stated = {name: channel.unit for name, channel in names.items() if channel.unit}
+    stated = beside | {name: channel.unit for name, channel in names.items() if channel.unit}
     return Contents(pd.DataFrame(table), {}, stated, tuple(findings), other)
 
 

@@ -24,7 +24,7 @@ class Contents(NamedTuple):
     table : pandas.DataFrame
     metadata : mapping
     units : mapping of str to str
-        Units that the file states beside the names of its columns, such as in a row of units.
+        Units that the file states beside the names of its columns, such as in a row of units; also those of `other`.
     findings : tuple of Finding
         What was reinterpreted or left out when the file was read.
     other : mapping of str to int

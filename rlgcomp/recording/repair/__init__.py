@@ -7,7 +7,7 @@ To add a check, write the function in the module of its kind, its line in `CHECK
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import pandas as pd
@@ -96,6 +96,7 @@ def repair(
     converters: Mapping[str, Step] | None = None,
     file_units: Mapping[str, str] | None = None,
     error_values: Mapping[str, Mapping[float, float]] | None = None,
+    beside: Sequence[str] = (),
 ) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
     """Repair a table so that it makes a valid recording.
 
@@ -121,6 +122,8 @@ def repair(
         Units that the file states beside its own names, for messages.
     error_values : mapping of str to mapping of float to float, optional
         Of columns that were converted, what has become of the numbers that loggers write for no reading, and these numbers.
+    beside : sequence of str
+        Channels of the file that are not in the table, for messages.
 
     Returns
     -------
@@ -141,6 +144,7 @@ def repair(
         converters=converters or {},
         file_units=file_units or {},
         error_values=error_values or {},
+        beside=beside,
     )
     for check in CHECKS:
         table = check(table, context)

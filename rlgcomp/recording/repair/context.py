@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -49,6 +49,8 @@ class Context:
         Units that the file states beside its own names, for messages.
     error_values : mapping of str to mapping of float to float
         Of columns that were converted, what has become of the numbers that loggers write for no reading, and these numbers.
+    beside : sequence of str
+        Channels of the file that are not in the table, for messages.
     """
 
     metadata: Metadata
@@ -60,6 +62,7 @@ class Context:
     converters: Mapping[str, Step] = dataclasses.field(default_factory=dict)
     file_units: Mapping[str, str] = dataclasses.field(default_factory=dict)
     error_values: Mapping[str, Mapping[float, float]] = dataclasses.field(default_factory=dict)
+    beside: Sequence[str] = ()
     _seen: dict[tuple[int, int], tuple[Array, Extent]] = dataclasses.field(default_factory=dict)
     _steps: tuple[Array, Extent] | None = None
     _last: tuple[pd.DataFrame, dict[str, Extent]] | None = None

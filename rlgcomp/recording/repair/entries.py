@@ -54,7 +54,12 @@ def structure(table: pd.DataFrame, context: Context) -> pd.DataFrame:
             message("recording.no_time_column", columns=columns, dated=dated, meant=_meant(context, lambda name: name == TIME)),
         )
     if context.gyro_required and not any(is_gyro(column) for column in columns):
-        about = {"columns": columns, "units": dict(context.file_units), "meant": _meant(context, is_gyro)}
+        about = {
+            "columns": columns,
+            "units": dict(context.file_units),
+            "meant": _meant(context, is_gyro),
+            "beside": list(context.beside),
+        }
         context.add("refused", message("recording.no_gyro_column", **about))
     if len(table) < FEWEST_ROWS:
         context.add("refused", message("recording.too_few_rows", rows=len(table), least=FEWEST_ROWS))

@@ -111,10 +111,12 @@ def suggested_gyro(columns: Sequence[str], stated: Mapping[str, str] | None = No
     ("--map gyro_deg_h='gyro_z_dps [deg/s]'", "--map gyro_deg_h='X_GYRO_OUT [UNIT]'")
     >>> suggested_gyro(["Time", "Rate"], {"Time": "s", "Rate": "deg/s"})
     '--map gyro_deg_h=Rate'
+    >>> suggested_gyro(["block", "timestamp", "gyro/timestamp", "gyro/rate"])
+    "--map gyro_deg_h='gyro/rate [UNIT]'"
     """
     known = {column for column, unit in (stated or {}).items() if is_unit(unit) and same_kind(unit, "deg/h")}
     rates = [column for column in columns if column in known or _unit_of(column, "deg/h")]
-    named = [column for column in columns if _GYRO.search(column)]
+    named = [column for column in columns if _GYRO.search(column) and not _TIME.fullmatch(_quantity(column.rpartition("/")[2]))]
     counted = sorted(
         (column for column in columns if _PULSES.search(column)), key=lambda column: _COUNTER.match(column) is not None
     )

@@ -34,8 +34,10 @@ def no_time_column(*, columns: Sequence[str], dated: Sequence[str], meant: Mappi
     return f"no column time_s; the columns are {_listed(columns)}; {how}; without any, give the sample period with --period-s"
 
 
-def no_gyro_column(*, columns: Sequence[str], units: Mapping[str, str], meant: Mapping[str, str]) -> str:
-    here = suggested_gyro(columns, units)
+def no_gyro_column(
+    *, columns: Sequence[str], units: Mapping[str, str], meant: Mapping[str, str], beside: Sequence[str] = ()
+) -> str:
+    here = suggested_gyro([*columns, *beside], units)
     general = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
     how = _misnamed(meant) or general
     return f"no gyro column; the columns are {_listed(columns)}; {how}"
