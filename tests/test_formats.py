@@ -661,6 +661,24 @@ def test_a_unit_of_another_kind_is_refused_with_what_helps(target: str, source: 
         rlg.recording(table, columns={target: source})
 
 
+def test_a_thermistor_is_never_offered_as_a_temperature() -> None:
+    """Its resistance may be learnt from as it is; as that of platinum it is outside the range, and not missing."""
+    random = np.random.default_rng(1)
+    table = pd.DataFrame(
+        {"time_s": np.arange(200.0), "gyro_deg_h": random.normal(size=200), "therm_ohm": random.uniform(6e3, 29e3, 200)}
+    )
+    for source, expected in (
+        ("therm_ohm", "cannot convert Ohm"),
+        ("therm_ohm [degC]", "are no temperatures of a gyro, and by its name"),
+        ("therm_ohm [ohm Pt1000]", "are all outside the range of a thermometer read as ohm Pt1000"),
+    ):
+        with pytest.raises(rlg.InputError) as refused:
+            rlg.recording(table, columns={"temperature_block_degC": source})
+        assert expected in str(refused.value)
+        assert "by --features therm_ohm" in str(refused.value)
+        assert "degC]'" not in str(refused.value)
+
+
 def test_what_a_refusal_proposes_works() -> None:
     """Increments per sample become a rate, and a platinum thermometer's resistance a temperature."""
     block, gyro = 20.0 + 0.01 * np.arange(200.0), np.random.default_rng(1).normal(size=200)

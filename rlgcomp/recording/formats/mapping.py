@@ -28,7 +28,7 @@ from rlgcomp.recording.columns import nearest_standard
 from rlgcomp.recording.repair.context import Step
 from rlgcomp.recording.repair.sense import ERROR_VALUES
 from rlgcomp.report.messages import message
-from rlgcomp.report.messages.column_names import is_year
+from rlgcomp.report.messages.column_names import is_year, of_resistance
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _OFFSET: Final = re.compile(rf"(?P<source>.*[\])])\s*(?P<sign>[+-])\s*(?P<offset>{_NUMBER})\s*")
@@ -226,8 +226,9 @@ def _require_no_resistance(column: str, values: pd.Series, wanted: str, target: 
 def _other_kind(column: str, unit: str, wanted: str, target: str) -> str:
     """What to do with a column whose unit is of another kind than its target's."""
     kind, other = units.dimension_of(unit), units.dimension_of(wanted)
-    if kind == "resistance [Ohm]" and other == "temperature [degC]":
-        how = f"a platinum thermometer's is read by '{column} [{unit} Pt100]' or '{column} [{unit} Pt1000]' (IEC 60751)"
+    resistance = kind == "resistance [Ohm]" and other == "temperature [degC]"
+    if resistance:
+        how = of_resistance(column, unit)
     elif kind == "angle [deg]" and other == "angular rate [deg/h]":
         how = (
             f"where it is a rate, write '{column} [{unit}/s]'; where a row holds the angle turned since the row before, state that "
@@ -237,9 +238,10 @@ def _other_kind(column: str, unit: str, wanted: str, target: str) -> str:
     else:
         offset = " - 40" if other == "temperature [degC]" else ""
         how = f"where it is proportional to that, state the {wanted} that 1 {unit} stands for, as '{column} [0.5 {wanted}]{offset}'"
+    wrong = f"; where the unit is wrong, state the right one: --map {target}='{column} [{wanted}]'"
     return (
         f"{target}: cannot convert {unit}, the unit of the column {column!r}, to {wanted}: the first is {kind}, the second "
-        f"{other}; {how}; where the unit is wrong, state the right one: --map {target}='{column} [{wanted}]'"
+        f"{other}; {how}{'' if resistance else wrong}"
     )
 
 
@@ -268,7 +270,12 @@ def _converted(values: pd.Series, source: Source, wanted: str, target: str) -> p
     if source.unit is not None and not units.same_kind(source.unit.removeprefix("-"), wanted):
         raise InputError(_other_kind(source.column, source.unit, wanted, target))
     read = pd.to_numeric(values, errors="coerce")
-    result = pd.Series(_in_unit(read.to_numpy(dtype=np.float64, na_value=np.nan), source, wanted), index=values.index)
+    numbers = read.to_numpy(dtype=np.float64, na_value=np.nan)
+    result = pd.Series(_in_unit(numbers, source, wanted), index=values.index)
+    if read.notna().any() and result.isna().all() and source.unit is not None:  # of platinum
+        ohms = source.factor * numbers[read.notna()] + source.offset
+        extent = {"least": float(ohms.min()), "greatest": float(ohms.max())}
+        raise InputError(f"{target}: {message('recording.outside_platinum', column=source.column, unit=source.unit, **extent)}")
     worded = (read.isna() & values.notna()).to_numpy()
     return result.astype(object).where(~worded, values) if worded.any() else result
 

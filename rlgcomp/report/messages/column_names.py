@@ -137,6 +137,29 @@ def names_a_gyro(column: str) -> bool:
     return _GYRO.search(column) is not None or _unit_of(column, "deg/h") is not None
 
 
+def resistance_unit(name: str) -> str | None:
+    """The unit of resistance that a name states, None where it states none.
+
+    >>> resistance_unit("therm_ohm"), resistance_unit("R [kOhm]"), resistance_unit("T_block [degC]")
+    ('Ohm', 'kOhm', None)
+    """
+    return _unit_of(name, "Ohm")
+
+
+def of_resistance(name: str, unit: str) -> str:
+    """What to do with a column of resistances where a temperature is wanted."""
+    platinum = f"a platinum thermometer's is read by '{name} [{unit} Pt100]' or '{name} [{unit} Pt1000]' (IEC 60751)"
+    return f"{platinum}; {of_thermistor(name)}"
+
+
+def of_thermistor(name: str) -> str:
+    """What to do with a column of a thermistor's resistances."""
+    return (
+        "a thermistor's resistance follows no common law: write its temperature into a column, or leave the resistance unmapped "
+        f"and learn from it by --features {shlex.quote(name)}"
+    )
+
+
 def mapped(standard: str, source: str) -> str:
     """The option that maps a source onto a standard name, with the unit that the source's name states.
 

@@ -8,7 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rlgcomp.report.messages.column_names import mapped, suggested_gyro, suggested_time
+from rlgcomp.report.messages.column_names import (
+    mapped,
+    of_resistance,
+    of_thermistor,
+    resistance_unit,
+    suggested_gyro,
+    suggested_time,
+)
 from rlgcomp.units import value_and_sd
 
 
@@ -89,6 +96,21 @@ def other_delay(*, run: str, delay_s: float) -> str:
     return (
         f"{run}: its gyro follows the temperature as in the other runs once the monitors are moved by {abs(delay_s):.3g} s: they "
         f"were logged {late}. Correct their clock, as with rlgcomp merge --offset-s, or leave the run out."
+    )
+
+
+def no_temperatures(*, values: int, least: float, greatest: float, column: str, source: str) -> str:
+    text = f"{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro"
+    unit = resistance_unit(source)
+    if unit is not None:
+        return f"{text}, and by its name {source!r} is a resistance in {unit}: {of_resistance(source, unit)}"
+    return f"{text}: state the unit, or the step of the converter, with --map {column}='{source} [0.01 degC]'"
+
+
+def outside_platinum(*, column: str, unit: str, least: float, greatest: float) -> str:
+    return (
+        f"the numbers of {column!r}, {least:.6g} to {greatest:.6g}, are all outside the range of a thermometer read as {unit}, "
+        f"-200 to 850 degC by IEC 60751: it is another, or in another unit; {of_thermistor(column)}"
     )
 
 
@@ -328,10 +350,6 @@ TEXTS: Final = {
     ),
     "impossible_temperatures": (
         "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: they count as missing"
-    ),
-    "no_temperatures": (
-        "{values} values between {least:.6g} and {greatest:.6g} degC are no temperatures of a gyro: state the unit, or the step of "
-        "the converter, with --map {column}='{source} [0.01 degC]'"
     ),
     "repeated_values": "every value is written {times} times: one row of each remains, every {period_s:.6g} s",
     # channels
