@@ -142,6 +142,21 @@ def test_no_monitor_at_all_is_refused(short_runs: list[rlg.Recording]) -> None:
         pipeline_for(bare)
 
 
+def test_a_monitor_that_is_no_feature_by_itself_is_named(short_runs: list[rlg.Recording]) -> None:
+    first, second = (run.replace(table=run.table[["time_s", "gyro_deg_h", T, "temperature_shell_degC"]]) for run in short_runs[:2])
+    lacking = second.replace(table=second.table.drop(columns=T))
+    with pytest.raises(rlg.InputError, match=f"not all of them have {T}; learn from .* with --features temperature_shell_degC"):
+        pipeline_for([first, lacking])
+    own = [
+        run.replace(table=run.table[["time_s", "gyro_deg_h"]].assign(**{"GyroY_dps": 1.0, "T [°C]": run.table[T]}))
+        for run in (first, second)
+    ]
+    with pytest.raises(
+        rlg.InputError, match=r"learn from T \[°C\] with --features 'T \[°C\]', or map .* --map temperature_block_degC='T \[°C\]'"
+    ):
+        pipeline_for(own)
+
+
 @pytest.mark.parametrize("change", [{T: float("nan")}, {"time_s": 0.0}, {T: None}, {T: "20.0"}, {T: [20.0]}, {T: pd.NA}])
 def test_a_wrong_sample_is_refused(change: dict[str, object]) -> None:
     pipeline = rlg.FeatureRecipe((Level(T),))

@@ -17,7 +17,7 @@ from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
 from rlgcomp.report.messages import Message, message
-from rlgcomp.report.messages.column_names import names_a_gyro
+from rlgcomp.report.messages.column_names import is_like_a_gyro
 from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
@@ -274,7 +274,10 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
                 f"({', '.join(sorted(common))})"
             )
     if not features:
-        raise InputError(f"no monitor to learn from: the runs share only {', '.join(sorted(common))}; map a temperature with --map")
+        monitors = list(dict.fromkeys(column for run in runs for column in run.columns if _is_monitor(column)))
+        shared = [column for column in monitors if column in common]
+        lacking = [column for column in monitors if column not in common]
+        raise InputError(str(message("compensation.no_monitor", columns=sorted(common), monitors=shared, lacking=lacking)))
     for feature in features:
         missing = sorted(set(feature.columns) - common)
         if missing:
@@ -309,7 +312,7 @@ def further_monitors(
     values = {column: np.concatenate([run.column(column) for run in runs]) for column in monitors}
     varying = [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
     own = [column for column in varying if column not in TABLE]
-    of_gyros = [column for column in own if names_a_gyro(column) or _copies_gyro(runs, column, gyro)]
+    of_gyros = [column for column in own if is_like_a_gyro(column) or _copies_gyro(runs, column, gyro)]
     remarks = [message("compensation.gyro_is_no_input", column=column) for column in of_gyros if column not in names]
     return [column for column in varying if column not in of_gyros], remarks
 
@@ -349,6 +352,11 @@ def nearly_standard(runs: Sequence[Recording], wanted: str | Sequence[str] = "al
         if close := difflib.get_close_matches(column.lower(), lacking, n=1, cutoff=_NEARLY):
             remarks.append(message("compensation.nearly_standard", column=column, nearest=lacking[close[0]]))
     return remarks
+
+
+def _is_monitor(column: str) -> bool:
+    """Whether a column may be learnt from: it is neither time nor gyro, no acceleration, and not written by a compensation."""
+    return not (column == TIME or is_gyro(column) or is_compensation(column) or column.startswith("accel_") or column in TABLE)
 
 
 def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:

@@ -128,13 +128,25 @@ def suggested_gyro(columns: Sequence[str], stated: Mapping[str, str] | None = No
     return _option("gyro_deg_h", _with_unit(chosen, "deg/h", "UNIT")) if chosen else ""
 
 
-def names_a_gyro(column: str) -> bool:
-    """Whether a column looks like a gyro, by its name or by its unit.
+def is_like_a_gyro(name: str) -> bool:
+    """Whether a name looks like that of a gyro, or states a unit of one.
 
-    >>> names_a_gyro("GyroY_dps"), names_a_gyro("Kreisel B"), names_a_gyro("rate [deg/s]"), names_a_gyro("pressure [hPa]")
+    >>> is_like_a_gyro("GyroX_dps"), is_like_a_gyro("Kreisel B"), is_like_a_gyro("rate [deg/s]"), is_like_a_gyro("T_block [degC]")
     (True, True, True, False)
     """
-    return _GYRO.search(column) is not None or _unit_of(column, "deg/h") is not None
+    return _GYRO.search(name) is not None or _unit_of(name, "deg/h") is not None
+
+
+def suggested_temperature(columns: Sequence[str]) -> str:
+    """The option that maps a temperature; empty where no name looks like one.
+
+    >>> suggested_temperature(["time_s", "T_block [degC]"]), suggested_temperature(["Temp_1"]), suggested_temperature(["heater"])
+    ("--map temperature_block_degC='T_block [degC]'", '--map temperature_block_degC=Temp_1', '')
+    """
+    stated = [column for column in columns if _unit_of(column, "degC")]
+    named = [column for column in columns if "temp" in column.lower()]
+    chosen = next(iter(stated + named), None)
+    return "" if chosen is None else mapped("temperature_block_degC", chosen)
 
 
 def resistance_unit(name: str) -> str | None:

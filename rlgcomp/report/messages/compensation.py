@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 import signal as signals
 from collections.abc import Mapping, Sequence
 from typing import Final
+
+from rlgcomp.report.messages.column_names import is_like_a_gyro, suggested_temperature
+from rlgcomp.units import is_thermometer
 
 
 def interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_deg_h: float, gyros: int) -> str:
@@ -46,6 +50,19 @@ def interval(*, parts: str, number: int, coverage: float, basis: str, turn_on_de
 def group_omitted(*, group: str, missing: Mapping[str, Sequence[str]]) -> str:
     lacking = ", ".join(f"{run} lacks {', '.join(columns)}" for run, columns in missing.items())
     return f"{group} omitted: {lacking}; name the column with --map, or leave that run out to use {group}."
+
+
+def no_monitor(*, columns: Sequence[str], monitors: Sequence[str], lacking: Sequence[str]) -> str:
+    text = f"no monitor to learn from: the runs share only {', '.join(columns)}"
+    if lacking:
+        text += f"; not all of them have {', '.join(lacking)}"
+    monitors = [name for name in monitors if not is_like_a_gyro(name)]
+    if not monitors:
+        return f"{text}; map a temperature with --map"
+    thermometer = suggested_temperature([name for name in monitors if not is_thermometer(name)])
+    chosen = next((name for name in monitors if is_thermometer(name)), "NAME" if len(monitors) > 1 else monitors[0])
+    mapped = f", or map a temperature, here probably with {thermometer}" if thermometer else ""
+    return f"{text}; learn from {' or '.join(monitors)} with --features {shlex.quote(chosen)}{mapped}"
 
 
 def at_limits(*, parameters: Mapping[str, float]) -> str:
