@@ -257,6 +257,7 @@ def test_an_interval_of_a_run(folder: Path, tmp_path: Path) -> None:
     assert part.run == "run1 from 1000 s to 9000 s"
     assert part.time_s[0] > 1000
     assert part.time_s[-1] < 9000
+    assert "START, 5000 s, is after STOP, 100 s" in refused("inspect", f"{folder / 'run1.parquet'}@5000:100")
     assert "expected FILE@START:STOP" in refused("inspect", f"{folder / 'run1.parquet'}@soon")
 
 

@@ -365,6 +365,7 @@ def test_letters_of_older_encodings(tmp_path: Path, encoding: str, names: tuple[
         ("run.txt", b"PK\x03\x04\x14\x00\xff", r"a zip archive, or an Excel workbook.*\.xlsx"),
         ("run.csv", b"%PDF-1.4\n\x00\xff", "it is a PDF"),
         ("run.zip", b"PK\x03\x04", r"unpack it \(unzip\)"),
+        ("run.npy", b"\x93NUMPY", r"numpy\.savez\('RUN\.npz', data=array\)"),
         ("run.xls", b"\xd0\xcf\x11\xe0", r"save it as \.xlsx"),
         ("run.jsonl", b"{}", r"read_json"),
         ("run", b"t;w\n", r"give it the ending \.csv or \.txt"),

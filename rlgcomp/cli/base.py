@@ -411,7 +411,13 @@ def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> N
     from rlgcomp.errors import InputError
 
     start, stop = float(recording.time_s[0]), float(recording.time_s[-1])
-    if not interval[0] < interval[1] or interval[1] <= start or interval[0] > stop:
+    if interval[0] >= interval[1]:
+        after = "after" if interval[0] > interval[1] else "at"
+        raise InputError(
+            f"{spec}: START, {interval[0]:g} s, is {after} STOP, {interval[1]:g} s; write the smaller first; the run "
+            f"covers {start:g} to {stop:g} s"
+        )
+    if interval[1] <= start or interval[0] > stop:
         raise InputError(
             f"{spec}: nothing lies between {interval[0]:g} and {interval[1]:g} s; the run covers {start:g} to {stop:g} s"
         )

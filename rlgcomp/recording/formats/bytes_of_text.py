@@ -37,6 +37,7 @@ _ENDINGS: Final = {
     ".zst": "unpack it (unzstd)", ".7z": "unpack it (7z x)", ".rar": "unpack it",
     ".xls": "save it as .xlsx; where it is text, as some programs write it, rename it to .csv",
     ".ods": "save it as .xlsx or .csv",
+    ".npy": "write the array into an archive, numpy.savez('RUN.npz', data=array), whose columns are data_1, data_2 and so on",
     ".json": "write its table as .csv or .parquet, as pandas does",
     ".jsonl": "write its table as .csv or .parquet, as pandas does: read_json(FILE, lines=True).to_csv(RUN)",
 }  # fmt: skip
