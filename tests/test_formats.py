@@ -677,6 +677,8 @@ def test_a_thermistor_is_never_offered_as_a_temperature() -> None:
         assert expected in str(refused.value)
         assert "by --features therm_ohm" in str(refused.value)
         assert "degC]'" not in str(refused.value)
+    run = rlg.recording(table, columns={"temperature_block_degC": "therm_ohm [0.001 degC]"})
+    assert "--features therm_ohm" in by_code(run.findings)["resistance_stated_otherwise"].message.text
 
 
 def test_what_a_refusal_proposes_works() -> None:

@@ -28,7 +28,7 @@ from rlgcomp.recording.columns import nearest_standard
 from rlgcomp.recording.repair.context import Step
 from rlgcomp.recording.repair.sense import ERROR_VALUES
 from rlgcomp.report.messages import message
-from rlgcomp.report.messages.column_names import is_year, of_resistance
+from rlgcomp.report.messages.column_names import is_year, of_resistance, resistance_unit
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _OFFSET: Final = re.compile(rf"(?P<source>.*[\])])\s*(?P<sign>[+-])\s*(?P<offset>{_NUMBER})\s*")
@@ -127,6 +127,9 @@ def apply_mapping(
         elif known[0].unit is not None and wanted is not None:
             if sources[0].unit is not None:
                 stated_units.add(target)
+                if (ohm := _doubted_resistance(sources[0], wanted)) is not None:
+                    about = message("recording.resistance_stated_otherwise", source=sources[0].column, ohm=ohm, unit=sources[0].unit)
+                    findings.append(Finding("noted", about, target))
             converted[target] = _converted(table[known[0].column], known[0], wanted, target)
             if target != TIME:
                 error_values[target] = _error_values(known[0]._replace(column=""), wanted)
@@ -202,6 +205,13 @@ def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target
         return source
     findings.append(Finding("noted", message("recording.unit_of_name", **about), target))
     return source._replace(unit=named.unit)
+
+
+def _doubted_resistance(source: Source, wanted: str) -> str | None:
+    """The unit of resistance in the name of a column that is stated to hold a temperature, no platinum thermometer's."""
+    if source.unit is None or not units.same_kind(wanted, "degC") or re.search(r"\spt\d+$", source.unit, re.IGNORECASE):
+        return None
+    return resistance_unit(source.column)
 
 
 def _require_no_resistance(column: str, values: pd.Series, wanted: str, target: str) -> None:

@@ -114,6 +114,11 @@ def outside_platinum(*, column: str, unit: str, least: float, greatest: float) -
     )
 
 
+def resistance_stated_otherwise(*, source: str, ohm: str, unit: str) -> str:
+    text = f"its name {source!r} is that of a resistance in {ohm}, and it is read in {unit} as stated; if it is one"
+    return f"{text}, {of_resistance(source, ohm)}"
+
+
 def uneven_steps(*, share: float, period_s: float) -> str:
     return f"{100 * share:.0f} % of the steps differ from the period of {period_s:.6g} s by more than a quarter"
 
