@@ -128,7 +128,9 @@ def apply_mapping(
             if sources[0].unit is not None:
                 stated_units.add(target)
                 if (ohm := _doubted_resistance(sources[0], wanted)) is not None:
-                    about = message("recording.resistance_stated_otherwise", source=sources[0].column, ohm=ohm, unit=sources[0].unit)
+                    about = message(
+                        "recording.resistance_stated_otherwise", source=sources[0].column, ohm=ohm, unit=sources[0].unit
+                    )
                     findings.append(Finding("noted", about, target))
             converted[target] = _converted(table[known[0].column], known[0], wanted, target)
             if target != TIME:
