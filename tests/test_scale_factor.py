@@ -183,6 +183,40 @@ def test_counts_that_cannot_be_right_are_refused() -> None:
         conventional_scale_factor([5.0], [-5.0], 1, period_s=0.0)
 
 
+def from_turn_to_turn(start_deg: float) -> rlg.Recording:
+    """10, -10, 20 and -20 deg/s for 2.1 revolutions each, between rests at `start_deg` and where the table turns back."""
+    rate = np.repeat([0.0, 10.0, 0.0, -10.0, 0.0, 20.0, 0.0, -20.0, 0.0], [60, 1512, 60, 1512, 60, 756, 60, 756, 60])
+    angle = start_deg + 0.05 * np.cumsum(rate)
+    pulses = np.diff(np.floor(np.cumsum(180.0 * rate + 0.6)), prepend=0.0)
+    return turntable(0.05 * np.arange(len(rate)), angle % 360.0, pulses)
+
+
+@pytest.mark.parametrize("start_deg", [0.0, 100.0])
+def test_a_table_that_turns_back_at_the_mark_loses_no_revolution(start_deg: float) -> None:
+    found, remarks = conventional_scale_factors([from_turn_to_turn(start_deg)], revolutions=2)
+    assert [round(factor.rate_deg_s) for factor in found] == [10, 20]
+    assert [factor.repeats[["turns_plus", "turns_minus"]].to_numpy().tolist() for factor in found] == [[[2, 2]]] * 2
+    chosen, *_ = [remark for remark in remarks if remark.code == "calibration.reference_mark_chosen"]
+    assert 0.0 < (chosen.data["reference_deg"] - start_deg) % 360.0 < 36.0
+    assert chosen.data["revolutions"] == 8 > chosen.data["revolutions_at_zero"]
+    assert "--reference-deg" in str(chosen)
+
+
+def test_the_mark_is_zero_where_no_other_keeps_more() -> None:
+    found, remarks = conventional_scale_factors([from_turn_to_turn(340.0)], revolutions=2)
+    assert len(found) == 2
+    assert "calibration.reference_mark_chosen" not in [remark.code for remark in remarks]
+
+
+def test_segments_left_out_name_the_mark_that_was_stated() -> None:
+    recording = from_turn_to_turn(0.0)
+    last = recording.between(0.0, float(recording.time_s[-500]))
+    _, remarks = conventional_scale_factors([last], reference_deg=15.0)
+    (unpaired,) = [remark for remark in remarks if remark.code == "calibration.segments_unpaired"]
+    assert (unpaired.data["segments"], unpaired.data["reference_deg"]) == (1, 15.0)
+    assert "--reference-deg" in str(unpaired)
+
+
 # --- counters that cannot be believed, and angle random walk -------------------------------------------------------------------
 
 
@@ -411,6 +445,15 @@ def test_command_for_people(folder: Path) -> None:
         assert text in result.output
     helped = command("--help")
     assert "rlgcomp scale-factor" in " ".join(helped.output.split())
+
+
+def test_the_spread_of_one_repeat_is_an_empty_cell(tmp_path: Path) -> None:
+    register_commands()
+    rlg.write(from_turn_to_turn(0.0), tmp_path / "once.parquet")
+    result = command(tmp_path / "once.parquet")
+    assert result.exit_code == 0, result.output
+    assert "relative spread" in result.output
+    assert "nan" not in result.output
 
 
 def test_command_against_rate(folder: Path) -> None:

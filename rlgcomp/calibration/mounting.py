@@ -55,6 +55,7 @@ from rlgcomp.calibration.revolutions import (
     constant_rate_segments,
     direction_pairs,
     group_means,
+    reference_mark,
     while_at_rest,
     whole_revolutions,
 )
@@ -225,7 +226,7 @@ def mounting_angle_of(
     conventional_arcsec: float,
     *,
     gyro: str | None = None,
-    reference_deg: float = 0.0,
+    reference_deg: float | None = None,
     stated: PositionTable | None = None,
 ) -> tuple[MountingAngle, tuple[Message, ...]]:
     """Mounting angle from recordings with `angle_inner_deg` at rest and `angle_outer_deg` turning, in one file or many.
@@ -237,8 +238,9 @@ def mounting_angle_of(
         Conventional scale factor, arcsec per pulse.
     gyro : str, optional
         Column of pulses, where there are several.
-    reference_deg : float
-        Encoder reading at which revolutions begin and end.
+    reference_deg : float, optional
+        Encoder reading at which revolutions begin and end; by default 0, or the one that keeps most whole revolutions where 0
+        loses some.
     stated : PositionTable, optional
         Tables whose stated errors are used; see :func:`mounting_angle`.
 
@@ -255,6 +257,8 @@ def mounting_angle_of(
     """
     parts = []
     remarks: list[Message] = []
+    if reference_deg is None:
+        reference_deg, remarks = reference_mark(recordings, OUTER)
     for recording in recordings:
         turning = constant_rate_segments(whole_revolutions(recording, OUTER, gyro=gyro, reference_deg=reference_deg))
         segments, new_remarks = while_at_rest(recording, turning, INNER)

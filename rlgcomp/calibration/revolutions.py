@@ -8,6 +8,7 @@ than the rounding to whole pulses. A delay of the encoder shifts both ends of a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -18,6 +19,7 @@ import pandas as pd
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
+from rlgcomp.report.messages.wording import listing
 from rlgcomp.units import DEG_PER_TURN
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +29,8 @@ INNER: Final = "angle_inner_deg"  # two: the rate-biasing table on
 OUTER: Final = "angle_outer_deg"  # the position table
 SAME_RATE: Final = 0.02
 STEADY: Final = 0.01  # the four quarters of a revolution, and the revolutions of a segment, agree in duration to this share
-QUARTER_DEG: Final = DEG_PER_TURN / 4.0
+QUARTERS: Final = 4
+MARKS: Final = 72  # readings of the encoder that are compared as reference marks
 AT_REST_DEG: Final = 0.2
 REVERSAL_DEG: Final = 45.0  # going back by less is the encoder's noise or a table settling
 
@@ -75,23 +78,19 @@ def whole_revolutions(recording: Recording, angle: str, *, gyro: str | None = No
     """
     counted = np.cumsum(recording.column(pulses_column(recording, gyro)))
     angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN) - reference_deg
-    gaps = recording.gaps
     rows: list[tuple[float, ...]] = []
     broken = uneven = 0
-    for start, stop, direction in _between_reversals(angle_deg):
-        row, time_s, pulses, level_deg = _quarter_passages(angle_deg, recording.time_s, counted, start, stop, direction)
-        marks = np.flatnonzero(np.rint(level_deg / QUARTER_DEG).astype(np.int64) % 4 == 0)
-        for first in marks[marks + 4 < len(level_deg)].tolist():
-            last = first + 4
-            quarters_s = np.diff(time_s[first : last + 1])
-            if np.searchsorted(gaps, row[first]) != np.searchsorted(gaps, row[last], side="right"):
-                broken += 1
-            elif np.abs(quarters_s / quarters_s.mean() - 1.0).max() > STEADY:
-                uneven += 1
-            else:
-                rate_deg_s = direction * DEG_PER_TURN / (time_s[last] - time_s[first])
-                difference = pulses[last] - pulses[first]
-                rows.append((time_s[first], time_s[last], row[first], row[last], direction, rate_deg_s, difference))
+    for start, stop, direction in _between_reversals(angle_deg, QUARTERS):
+        row, time_s, pulses, level = _passages(angle_deg, recording.time_s, counted, start, stop, direction, QUARTERS)
+        unbroken, steady = _complete(row, time_s, recording.gaps, QUARTERS)
+        marks = np.flatnonzero(level[: len(steady)] % QUARTERS == 0)
+        broken += int((~unbroken[marks]).sum())
+        uneven += int((unbroken & ~steady)[marks].sum())
+        for first in marks[(unbroken & steady)[marks]].tolist():
+            last = first + QUARTERS
+            rate_deg_s = direction * DEG_PER_TURN / (time_s[last] - time_s[first])
+            difference = pulses[last] - pulses[first]
+            rows.append((time_s[first], time_s[last], row[first], row[last], direction, rate_deg_s, difference))
     if not rows:
         raise InputError(
             f"{recording.name}: no whole revolution: {angle} spans {np.ptp(angle_deg):.6g} deg, with {broken} revolutions broken "
@@ -101,6 +100,57 @@ def whole_revolutions(recording: Recording, angle: str, *, gyro: str | None = No
         )
     columns = ["start_s", "stop_s", "start_row", "stop_row", "direction", "rate_deg_s", "pulses"]
     return pd.DataFrame(rows, columns=columns).astype({"start_row": np.int64, "stop_row": np.int64, "direction": np.int64})
+
+
+def reference_mark(recordings: Sequence[Recording], angle: str | Sequence[str]) -> tuple[float, list[Message]]:
+    """Reading of the encoder at which most whole revolutions begin and end: 0 unless another keeps more.
+
+    A table that starts and turns back at 0 loses up to a revolution each way there. Of readings that keep as many, the middle one
+    of the widest range is taken, farthest from where the table turned back; marks at which a recording keeps none come last.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    angle : str or sequence of str
+        Encoder column, of all recordings or of each.
+
+    Returns
+    -------
+    reference_deg : float
+    remarks : list of Message
+        Which reading was taken, unless it is 0.
+    """
+    columns = [angle] * len(recordings) if isinstance(angle, str) else angle
+    kept = np.array([_kept_at_marks(recording, column) for recording, column in zip(recordings, columns, strict=True)])
+    total, measured = kept.sum(axis=0), (kept > 0).sum(axis=0)
+    best = (measured == measured.max()) & (total == total[measured == measured.max()].max())
+    if best[0]:
+        return 0.0, []
+    runs = np.split(np.arange(MARKS), np.flatnonzero(np.diff(best.astype(np.int64))) + 1)  # mark 0 is none: no range spans it
+    widest = max((run for run in runs if best[run[0]]), key=len)
+    mark = int(widest[len(widest) // 2])
+    reference_deg = mark * DEG_PER_TURN / MARKS
+    return reference_deg, [
+        message(
+            "calibration.reference_mark_chosen",
+            reference_deg=reference_deg,
+            column=listing(list(dict.fromkeys(columns))),
+            revolutions=int(total[mark]),
+            revolutions_at_zero=int(total[0]),
+        )
+    ]
+
+
+def _kept_at_marks(recording: Recording, angle: str) -> npt.NDArray[np.int64]:
+    """Number of whole revolutions from each of the reference marks."""
+    angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN)
+    nothing = np.zeros(len(angle_deg))
+    kept = np.zeros(MARKS, dtype=np.int64)
+    for start, stop, direction in _between_reversals(angle_deg, MARKS):
+        row, time_s, _, level = _passages(angle_deg, recording.time_s, nothing, start, stop, direction, MARKS)
+        unbroken, steady = _complete(row, time_s, recording.gaps, MARKS)
+        kept += np.bincount((direction * level[: len(steady)] % MARKS)[unbroken & steady], minlength=MARKS)
+    return kept
 
 
 def constant_rate_segments(revolutions: pd.DataFrame, length: int | None = None) -> pd.DataFrame:
@@ -149,7 +199,10 @@ def constant_rate_segments(revolutions: pd.DataFrame, length: int | None = None)
         longest = int(segments["turns"].max())
         segments = segments[segments["turns"] == length].reset_index(drop=True)
         if segments.empty:
-            raise InputError(f"no segment of {length} revolutions at one rate; the longest has {longest}")
+            raise InputError(
+                f"no segment of {length} revolutions at one rate; the longest has {longest}, from one passage of the reference "
+                "mark to the next (--reference-deg chooses the mark)"
+            )
     return segments
 
 
@@ -229,10 +282,10 @@ def group_means(values: npt.ArrayLike, tolerance: float, *, relative: bool = Fal
     return (np.bincount(label, array) / np.bincount(label))[label]
 
 
-def _between_reversals(angle_deg: Array) -> list[tuple[int, int, int]]:
-    """Rows between reversals, with the direction; determined on the passages of quarter turns, which are few."""
-    quarter = np.floor(angle_deg / QUARTER_DEG)
-    passages = np.r_[0, np.flatnonzero(np.diff(quarter)) + 1, len(angle_deg) - 1]
+def _between_reversals(angle_deg: Array, levels: int) -> list[tuple[int, int, int]]:
+    """Rows between reversals, with the direction; determined on the passages of levels, of which a turn has `levels`."""
+    level = np.floor(angle_deg / (DEG_PER_TURN / levels))
+    passages = np.r_[0, np.flatnonzero(np.diff(level)) + 1, len(angle_deg) - 1]
     parts = []
     start = farthest = direction = 0
     for row in passages.tolist():
@@ -243,22 +296,39 @@ def _between_reversals(angle_deg: Array) -> list[tuple[int, int, int]]:
         elif moved_deg * direction >= 0.0:
             farthest = row
         elif abs(moved_deg) >= REVERSAL_DEG:
-            parts.append((start, farthest, direction))
-            start, farthest, direction = farthest, row, -direction
+            turned = farthest + int(np.argmax(direction * angle_deg[farthest : row + 1]))
+            parts.append((start, turned, direction))
+            start, farthest, direction = turned, row, -direction
     if direction:
         parts.append((start, len(angle_deg) - 1, direction))
     return parts
 
 
-def _quarter_passages(
-    angle_deg: Array, time_s: Array, counted: Array, start: int, stop: int, direction: int
-) -> tuple[npt.NDArray[np.int64], Array, Array, Array]:
-    """Row before, time, pulses so far and level (in the direction of motion) of every passage of a quarter turn."""
+def _complete(
+    row: npt.NDArray[np.int64], time_s: Array, gaps: npt.NDArray[np.intp], levels: int
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Whether the revolution from each passage on, of those with a whole one, has no gap, and whether its quarters are steady."""
+    count = max(0, len(row) - levels)
+    unbroken = np.searchsorted(gaps, row[:count]) == np.searchsorted(gaps, row[len(row) - count :], side="right")
+    quarter = levels // QUARTERS
+    quarters_s = np.stack([time_s[k + quarter : k + quarter + count] - time_s[k : k + count] for k in range(0, levels, quarter)])
+    return unbroken, np.abs(quarters_s / quarters_s.mean(axis=0) - 1.0).max(axis=0) <= STEADY
+
+
+def _passages(
+    angle_deg: Array, time_s: Array, counted: Array, start: int, stop: int, direction: int, levels: int
+) -> tuple[npt.NDArray[np.int64], Array, Array, npt.NDArray[np.int64]]:
+    """Row before, time, pulses so far and level of every passage of a level, of which a turn has `levels`.
+
+    The levels are numbered in the direction of motion, from zero at the reference mark.
+    """
+    step_deg = DEG_PER_TURN / levels
     forward = np.maximum.accumulate(direction * angle_deg[start : stop + 1])
-    level_deg = QUARTER_DEG * np.arange(np.ceil(forward[0] / QUARTER_DEG), np.ceil(forward[-1] / QUARTER_DEG))
+    level = np.arange(math.ceil(forward[0] / step_deg), math.ceil(forward[-1] / step_deg))
+    level_deg = step_deg * level
     after = np.searchsorted(forward, level_deg, side="right")
     before_deg, after_deg = (direction * angle_deg[start + after + shift] for shift in (-1, 0))
     share = (level_deg - before_deg) / (after_deg - before_deg)
     row = start + after - 1
     between_s = time_s[row] + share * (time_s[row + 1] - time_s[row])
-    return row.astype(np.int64), between_s, counted[row] + share * (counted[row + 1] - counted[row]), level_deg
+    return row.astype(np.int64), between_s, counted[row] + share * (counted[row + 1] - counted[row]), level

@@ -38,6 +38,7 @@ from rlgcomp.calibration.revolutions import (
     constant_rate_segments,
     direction_pairs,
     group_means,
+    reference_mark,
     while_at_rest,
     whole_revolutions,
 )
@@ -149,7 +150,7 @@ def conventional_scale_factors(
     *,
     gyro: str | None = None,
     revolutions: int | None = None,
-    reference_deg: float = 0.0,
+    reference_deg: float | None = None,
     sync_arcsec: float = 0.1,
 ) -> tuple[list[ConventionalScaleFactor], tuple[Message, ...]]:
     """Conventional scale factor at each rate that the recordings hold in both directions.
@@ -163,8 +164,8 @@ def conventional_scale_factors(
         Column of pulses, where there are several.
     revolutions : int, optional
         Revolutions of one repeat and direction; by default as many as follow each other.
-    reference_deg : float
-        Encoder reading of the reference mark.
+    reference_deg : float, optional
+        Encoder reading of the reference mark; by default 0, or the one that keeps most whole revolutions where 0 loses some.
     sync_arcsec : float
         Largest error of a passage of the reference mark.
 
@@ -181,8 +182,11 @@ def conventional_scale_factors(
         No whole revolution, one direction only, or no pulses.
     """
     parts, walks, remarks = [], [], list[Message]()
-    for run, recording in enumerate(recordings):
-        angle = TABLE if TABLE in recording else INNER
+    angles = [TABLE if TABLE in recording else INNER for recording in recordings]
+    if reference_deg is None:
+        reference_deg, new_remarks = reference_mark(recordings, angles)
+        remarks += new_remarks
+    for run, (recording, angle) in enumerate(zip(recordings, angles, strict=True)):
         complete = whole_revolutions(recording, angle, gyro=gyro, reference_deg=reference_deg)
         counts = CountsWithinRevolutions(recording, complete, angle, gyro)
         consistent, new_remarks = counts.consistent()
@@ -208,7 +212,7 @@ def conventional_scale_factors(
         )
     unpaired = len(segments) - 2 * len(both)
     if unpaired:
-        remarks.append(message("calibration.segments_unpaired", segments=unpaired))
+        remarks.append(message("calibration.segments_unpaired", segments=unpaired, reference_deg=reference_deg))
     rounding = INTERPOLATED * ROUNDED_AT_BOTH_ENDS
     walk = pd.concat(walks, ignore_index=True)
     factors = []

@@ -90,7 +90,7 @@ def calibrate_scale_factor(
     *,
     gyro: str | None = None,
     revolutions: int | None = None,
-    reference_deg: float = 0.0,
+    reference_deg: float | None = None,
     rate_deg_s: float | None = None,
     conventional_arcsec: float | None = None,
     errors: TableErrors | None = None,
@@ -104,8 +104,9 @@ def calibrate_scale_factor(
         Column of pulses, where there are several.
     revolutions : int, optional
         Of one repeat of the conventional measurement and direction; by default as many as follow each other.
-    reference_deg : float
-        Encoder reading at which revolutions begin and end.
+    reference_deg : float, optional
+        Encoder reading at which revolutions begin and end; by default 0, or the one that keeps most whole revolutions where 0
+        loses some.
     rate_deg_s : float, optional
         Rate whose conventional scale factor is corrected; by default the operating rate where there are several (see
         :meth:`RateTable.operating_rate_deg_s`), or else the highest.
@@ -180,7 +181,7 @@ def _uses(recording: Recording) -> set[str]:
     return turning
 
 
-def _measures(recording: Recording, gyro: str | None, revolutions: int | None, reference_deg: float) -> bool:
+def _measures(recording: Recording, gyro: str | None, revolutions: int | None, reference_deg: float | None) -> bool:
     """Whether the inner table turns to measure, and not only from one position to the next all the way round."""
     try:
         conventional_scale_factors([recording], gyro=gyro, revolutions=revolutions, reference_deg=reference_deg)

@@ -41,8 +41,13 @@ def scale_factor(
         ),
     ] = None,
     reference_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Reading of the encoder in deg at which revolutions begin and end.")
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            metavar="DEG",
+            help="Reading of the encoder in deg at which revolutions begin and end; unless given 0, or the one that keeps most "
+            "whole revolutions where 0 loses some.",
+        ),
+    ] = None,
     rate_deg_s: Annotated[
         float | None, typer.Option(metavar="RATE", help="Rate in deg/s whose scale factor is corrected, where there are several.")
     ] = None,
@@ -124,6 +129,11 @@ def _stated(items: list[str]) -> TableErrors:
     return TableErrors(**values)
 
 
+def _known(number: str) -> str:
+    """A printed number; an empty cell where it is unknown, as the spread of one repeat."""
+    return "" if number == "nan" else number
+
+
 def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any]]]:
     """Tables by their titles."""
     from rlgcomp.report.messages.wording import two_digits
@@ -135,7 +145,7 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
                 "rate, deg/s": f"{factor.rate_deg_s:.4g}",
                 "repeats": len(factor.repeats),
                 "arcsec/pulse": f"{factor.scale_arcsec:.9f}",
-                "relative spread": two_digits(factor.relative_spread),
+                "relative spread": _known(two_digits(factor.relative_spread)),
                 "spread expected (rounding, index mark, random walk)": two_digits(factor.relative_expected),
                 "relative standard error": two_digits(factor.relative_sd),
                 "Earth rate + bias, deg/h": f"{factor.axis_rate_deg_h:.4f}",
@@ -147,7 +157,7 @@ def _tables(calibration: ScaleFactorCalibration) -> dict[str, list[dict[str, Any
             {
                 "rate, deg/s": f"{row.rate_deg_s:.4g}",
                 "mean, ppm": f"{row.mean_ppm:.3f}",
-                "std of repeats, ppm": f"{row.std_ppm:.3f}",
+                "std of repeats, ppm": _known(f"{row.std_ppm:.3f}"),
             }
             for row in calibration.rates.to_frame().itertuples()
         ]

@@ -112,8 +112,14 @@ def latitude(stated_deg: float, estimated_deg: float, sd_deg: float, error_deg: 
 TEXTS: Final = {
     # scale factor of one gyro
     "table_moved": "{run}: {segments} segments left out: {column} moved by more than {limit_deg:g} deg",
+    "reference_mark_chosen": (
+        "revolutions are counted from {reference_deg:g} deg of {column}, which makes {revolutions} whole ones; from 0 deg there "
+        "would be {revolutions_at_zero}, as where the table starts or turns back near the mark; --reference-deg sets another"
+    ),
     "segments_unpaired": (
-        "{segments} segments of constant rate have no partner in the other direction at their rate and were left out"
+        "{segments} segments of constant rate were left out: from one passage of {reference_deg:g} deg to the next there is no "
+        "further segment in the other direction at their rate; where the table did turn back at it, another mark may keep them: "
+        "--reference-deg"
     ),
     "positions_unpaired": ("{segments} runs of the position table have no partner in the other direction and were left out"),
     "outlying_repeat": (
