@@ -119,6 +119,37 @@ def test_lost_samples_leave_no_bias_and_true_intervals(share: float) -> None:
     assert scatter == pytest.approx(np.sqrt(2.0 / np.mean(edf, axis=0)), rel=0.3)
 
 
+@pytest.mark.parametrize("estimator", ["overlapping", "plain", "hadamard"])
+def test_degrees_of_freedom_are_those_of_the_differences_that_are_left(estimator: str) -> None:
+    """Three samples in ten lost: at long averaging times a few differences count, most of them next to each other."""
+    rng = np.random.default_rng(12)
+    kept = np.flatnonzero(rng.random(4000) > 0.3)
+    curves = [
+        rlg.allan_deviation(rng.standard_normal(len(kept)), kept.astype(float), [10.0, 20.0, 40.0, 80.0], estimator=estimator)
+        for _ in range(300)
+    ]
+    scatter = [
+        np.var(variances, ddof=1) / np.mean(variances) ** 2 for variances in np.transpose([c.deviation_deg_h**2 for c in curves])
+    ]
+    edf = np.median([curve.edf for curve in curves], axis=0)
+    assert (edf <= curves[0].differences).all()
+    assert edf == pytest.approx(2.0 / np.array(scatter), rel=0.4)
+    assert curves[0].differences.min() < 60
+
+
+def test_white_noise_with_many_lost_samples_is_white_noise() -> None:
+    """N within its error and hardly a misfit: the few differences of long averaging times weigh as little as they should."""
+    rng = np.random.default_rng(13)
+    fits = []
+    for _ in range(10):
+        kept = np.flatnonzero(rng.random(8000) > 0.3)
+        fits.append(rlg.allan_deviation(rng.standard_normal(len(kept)), kept.astype(float)).noise())
+    assert sum(fit.misfit > 0.0 for fit in fits) <= 3
+    assert max(fit.misfit for fit in fits) < 0.2
+    scores = [(60.0 * fit.angle_random_walk_deg_sqrt_h - 1.0) / (60.0 * fit.angle_random_walk_deg_sqrt_h_sd) for fit in fits]
+    assert np.sqrt(np.mean(np.square(scores))) < 1.6
+
+
 @pytest.mark.parametrize("estimator", ["overlapping", "hadamard"])
 @pytest.mark.parametrize("kind", ["one", "few", "many", "long"])
 def test_pieces_give_the_curve_of_the_whole(tmp_path: Path, kind: str, estimator: str) -> None:

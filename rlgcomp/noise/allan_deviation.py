@@ -31,8 +31,8 @@ from scipy import special
 from rlgcomp.errors import InputError
 from rlgcomp.noise.allan_sums import angle_of, plain_sum_of_squares, starts_of_spans, sums_of_squares
 from rlgcomp.noise.coefficients import NoiseCoefficients, fit_noises, white_noise_floor
-from rlgcomp.noise.lost_samples import Gaps
-from rlgcomp.noise.power_law import NAMES, degrees_of_freedom_with_gaps, identify
+from rlgcomp.noise.lost_samples import Gaps, Places
+from rlgcomp.noise.power_law import NAMES, degrees_of_freedom_with_gaps, freedom_kept, identify
 from rlgcomp.recording import Recording
 from rlgcomp.recording.sampling import Sampling
 from rlgcomp.report.notebook import ShownAsTable
@@ -152,7 +152,26 @@ class AllanDeviation(ShownAsTable):
         """
         if not self.overlapping:
             raise InputError(f"coefficients are fitted to the estimators overlapping and hadamard, not to {self.estimator}")
-        return fit_noises(self.tau_s, self.deviation_deg_h, self.edf, order=self.order, period_s=self.period_s, parts=self.spans)
+        return fit_noises(
+            self.tau_s,
+            self.deviation_deg_h,
+            self.edf,
+            order=self.order,
+            period_s=self.period_s,
+            parts=self.spans,
+            kept=self._kept(),
+        )
+
+    def _kept(self) -> Array | None:
+        """Share of the degrees of freedom that lost samples leave at each averaging time; None where no window lacks a sample."""
+        if len(self.spans) == len(self.parts):
+            return None
+        counts = np.rint(self.tau_s / self.period_s).astype(np.int64)
+        complete = [
+            degrees_of_freedom_with_gaps(self.spans, m, alpha, self.order, overlapping=True)
+            for m, alpha in zip(counts.tolist(), self.alpha.tolist(), strict=True)
+        ]
+        return np.minimum(self.edf / complete, 1.0)
 
     def at(self, tau_s: float) -> float:
         """Deviation at tau in deg/h, interpolated on the logarithmic plot.
@@ -314,9 +333,10 @@ def deviation_of_angle(
         sums, numbers = sums_of_squares(angle, gaps.ends, complete, order)
     rows: list[tuple[float, float, int, float, int]] = []
     alpha = 0
+    places: Places | None = None
     for m in counts.tolist():
         if m < gaps.shortest:  # no window of this length may lack a sample
-            here = parts
+            here, places = parts, None
             if order * m > int(here.max()):
                 continue
             k = int(np.searchsorted(complete, m))
@@ -335,6 +355,9 @@ def deviation_of_angle(
         if alpha > 0 and not _steep(rows, m * period_s, deviation):
             alpha = 0
         edf_of_m = degrees_of_freedom_with_gaps(here, m, alpha, order, overlapping=overlapping)
+        if places is not None and len(places.lost):
+            share = freedom_kept(*places.starts(m, order, overlapping=overlapping), m, alpha, order, overlapping=overlapping)
+            edf_of_m = min(max(1.0, share * edf_of_m), edf_of_m, taken)
         rows.append((m * period_s, deviation, taken, edf_of_m, alpha))
     if not rows:
         raise InputError(f"no averaging time fits into a record of {len(angle) - 1} samples every {period_s:g} s")

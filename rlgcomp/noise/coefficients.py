@@ -198,7 +198,16 @@ class NoiseCoefficients(ShownAsTable):
         return np.asarray(at_1_s[:, None] * tau ** np.array(POWERS, dtype=np.float64)[:, None])
 
 
-def fit_noises(tau_s: Array, deviation_deg_h: Array, edf: Array, *, order: int, period_s: float, parts: Whole) -> NoiseCoefficients:
+def fit_noises(
+    tau_s: Array,
+    deviation_deg_h: Array,
+    edf: Array,
+    *,
+    order: int,
+    period_s: float,
+    parts: Whole,
+    kept: Array | None = None,
+) -> NoiseCoefficients:
     """Fit the five noises to an overlapping Allan or Hadamard deviation.
 
     Parameters
@@ -211,6 +220,8 @@ def fit_noises(tau_s: Array, deviation_deg_h: Array, edf: Array, *, order: int, 
         Sample period.
     parts : ndarray of int
         Numbers of samples between gaps.
+    kept : ndarray, shape (m,), optional
+        Share of the degrees of freedom of these parts that lost samples leave; by default all.
 
     Raises
     ------
@@ -230,6 +241,8 @@ def fit_noises(tau_s: Array, deviation_deg_h: Array, edf: Array, *, order: int, 
     measured = deviation_deg_h[chosen] ** 2 / unit
     design = design_matrix(m, order)
     products = covariance_products(m, parts, order)
+    if kept is not None:
+        products = products / np.sqrt(np.outer(kept[chosen], kept[chosen]))[:, :, None, None]
     within_chance = np.diag(2.0 * measured**2 / edf[chosen])
     variances, covariance, chi_square = _fit(design, measured, within_chance, products, 0.0)
     chi_square_of_noises, misfit = chi_square, 0.0

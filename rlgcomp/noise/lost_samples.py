@@ -26,6 +26,7 @@ Array = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 _WEIGHTS: Final = {2: (-1.0, 1.0), 3: (1.0, -2.0, 1.0)}
 _ROUNDING: Final = 1e-9
+PLACES_EXAMINED: Final = 1 << 20  # of a long record; they show how much of its differences is lost
 
 
 def most_lost(m: int) -> int:
@@ -120,6 +121,40 @@ class Places:
                 total += float(np.dot(difference[counted], difference[counted]))
                 taken += int(counted.sum())
         return total, taken
+
+    def starts(
+        self, m: int, order: int, *, overlapping: bool, most: int = PLACES_EXAMINED
+    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+        """Whether a difference that begins at a place counts, and whether it would without lost samples.
+
+        Parameters
+        ----------
+        m : int
+            Places of a window.
+        order : int
+            2 for Allan, 3 for Hadamard.
+        overlapping : bool
+            At every place.
+        most : int
+            Places of a long record that are examined, the first ones.
+        """
+        end = min(int(self.ends[-1]), max(most, 8 * order * m))
+        present = np.ones(end, dtype=np.int64)
+        present[self.lost[self.lost < end]] = 0
+        before = np.r_[0, np.cumsum(present)]
+        enough = before[m:] - before[:-m] >= m - most_lost(m)
+        total = end - order * m + 1
+        possible = np.zeros(total, dtype=np.bool_)
+        first = starts_of_spans(self.parts, m, order)[0] if not overlapping else np.empty(0, dtype=np.int64)
+        possible[first[first < total]] = True
+        if overlapping:
+            long = self.parts >= order * m
+            edges = np.zeros(total + 1, dtype=np.int64)
+            np.add.at(edges, np.minimum((self.ends - self.parts)[long], total), 1)
+            np.add.at(edges, np.minimum(self.ends[long] - order * m + 1, total), -1)
+            possible = np.cumsum(edges)[:-1] > 0
+        kept = np.logical_and.reduce([possible, *(enough[k * m : k * m + total] for k in range(order))])
+        return kept, possible
 
     def means(self, angle: Array, m: int, most: int) -> tuple[Array, Whole]:
         """Means over consecutive windows that count, and a number that those next to each other share.

@@ -47,6 +47,7 @@ FEWEST_FOR_LAG_1: Final = 30
 FEWEST_FOR_B1: Final = 4
 _TERMS: Final = 100  # of the sum over lags, as in Greenhall and Riley
 _GROUPS: Final = 64  # of parts of about one length
+_FINE: Final = 16  # points that resolve tau
 
 
 def identify(blocks: Array, groups: Whole, lowest: int) -> int | None:
@@ -163,6 +164,44 @@ def degrees_of_freedom_with_gaps(parts: Whole, m: int, alpha: int, order: int, *
     differences = lengths - order * m + 1 if overlapping else lengths // m - order + 1
     each = np.array([degrees_of_freedom(int(count), m, alpha, order, overlapping=overlapping) for count in differences])
     return float(np.dot(copies, differences) ** 2 / np.dot(copies, differences**2 / each))
+
+
+def freedom_kept(
+    kept: npt.NDArray[np.bool_], possible: npt.NDArray[np.bool_], m: int, alpha: int, order: int, *, overlapping: bool
+) -> float:
+    r"""Degrees of freedom of the differences that count, over those of all: :math:`M^2 / \sum_{ij} \rho_{ij}^2` of each.
+
+    Differences less than tau apart are nearly one, so that few that begin next to each other have hardly more than one degree.
+
+    Parameters
+    ----------
+    kept, possible : ndarray of bool
+        By place, whether a difference that begins there counts, and whether it would without lost samples.
+    m, alpha, order, overlapping
+        As in :func:`degrees_of_freedom`.
+
+    Returns
+    -------
+    float
+        Zero where none counts.
+    """
+    if alpha == 2 or not overlapping:
+        step, lags = 1, m * np.arange(order + 1)
+    else:
+        step = max(1, m // _FINE)
+        lags = np.arange(math.ceil((order + 1) * m / step))
+    if alpha == 2:
+        squares = (special.binom(2 * order, order - np.arange(order + 1)) / special.binom(2 * order, order)) ** 2
+    else:
+        cutoff = math.inf if alpha <= 0 else m / step
+        squares = (_sz(lags * step / m, cutoff, alpha, order) / _sz(np.zeros(1), cutoff, alpha, order)) ** 2
+    freedom = []
+    for differences in (kept, possible):
+        counted = np.add.reduceat(differences, np.arange(0, len(differences), step), dtype=np.float64)
+        pairs = [float(np.dot(counted[lag:], counted[: max(0, len(counted) - lag)])) for lag in lags.tolist()]
+        correlated = 2.0 * float(np.dot(squares, pairs)) - float(squares[0]) * pairs[0]
+        freedom.append(float(counted.sum()) ** 2 / correlated if correlated > 0.0 else 0.0)
+    return freedom[0] / freedom[1] if freedom[1] else 0.0
 
 
 def _sw(t: Array, alpha: int) -> Array:
