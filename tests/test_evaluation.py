@@ -168,6 +168,19 @@ def test_a_model_that_makes_a_run_worse_has_a_remark(trained: rlg.Compensator, s
     assert remark.data == {"run": "turned", **factors}
 
 
+def test_a_run_of_which_many_windows_are_left_out_has_a_remark(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    run = short_runs[2]
+    there = np.random.default_rng(0).random(len(run)) > 0.25
+    there[: int(run.scored.argmax()) + 200] = there[-200:] = True
+    whole, broken = rlg.evaluate(trained, [run, run.replace(table=run.table[there], truth=None, name="broken")], compare=False).runs
+    assert "evaluation.windows_left_out" not in [remark.code for remark in whole.remarks]
+    assert whole.windows_left_out == 0
+    (remark,) = [remark for remark in broken.remarks if remark.code == "evaluation.windows_left_out"]
+    assert remark.data["used"] == broken.windows < whole.windows
+    assert (remark.data["left_out"], remark.data["windows"]) == (broken.windows_left_out, broken.windows + broken.windows_left_out)
+    assert remark.data["windows"] == pytest.approx(whole.windows, abs=1)
+
+
 def test_a_run_of_another_unit_than_the_only_one_trained_on_has_a_remark(
     trained: rlg.Compensator, short_runs: list[rlg.Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,6 +7,7 @@ Over several runs the variances are averaged, so that a different mean in each r
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -219,12 +220,21 @@ def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, of
         in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
         trained_on=trained_on(compensator, own) or _holds_training(compensator, run),
         out_of_range_inputs=_out_of_range_inputs(compensator, run),
+        windows_left_out=_windows_left_out(run, compensator.averaging_s, len(raw)),
     )
     try:
         temperature = averaged.column(run.temperature_column)
     except InputError:
         temperature = None
     return result, Trace(run.name, averaged.time_s, raw, bias, temperature, allan_raw, allan_residual)
+
+
+def _windows_left_out(run: Recording, averaging_s: float, used: int) -> int:
+    """Number of windows that hold samples and were not averaged; the last one, which the end of the run cuts, is none of them."""
+    time_s = run.time_s[run.scored]
+    window = np.floor((time_s - time_s[0]) / averaging_s)
+    whole = math.floor((float(time_s[-1] - time_s[0]) + run.period_s) / averaging_s)
+    return max(0, len(np.unique(window[window < whole])) - used)
 
 
 def trained_on(compensator: Compensator, own: WindowMeans) -> bool:

@@ -11,10 +11,12 @@ import numpy.typing as npt
 import pandas as pd
 
 from rlgcomp.noise.allan_deviation import AllanDeviation
+from rlgcomp.recording.sampling import LEAST_COVERAGE
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 OFTEN_OUT_OF_RANGE: Final = 0.01
+OFTEN_LEFT_OUT: Final = 0.1  # of the windows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +45,8 @@ class RunResult:
         Averages of it are among those that the compensation was trained on.
     out_of_range_inputs : tuple of str
         Inputs that leave their training range, the most frequent first.
+    windows_left_out : int
+        Windows that hold samples, but less than 80 % of theirs.
     """
 
     run: str
@@ -59,6 +63,7 @@ class RunResult:
     in_interval: float
     trained_on: bool
     out_of_range_inputs: tuple[str, ...] = ()
+    windows_left_out: int = 0
 
     @property
     def floor_ratio(self) -> float:
@@ -69,6 +74,9 @@ class RunResult:
     def remarks(self) -> tuple[Message, ...]:
         """Cautions to this result."""
         remarks = [message("evaluation.trained_on", run=self.run)] if self.trained_on else []
+        if self.windows_left_out > OFTEN_LEFT_OUT * (self.windows + self.windows_left_out):
+            counts = {"left_out": self.windows_left_out, "windows": self.windows + self.windows_left_out, "used": self.windows}
+            remarks.append(message("evaluation.windows_left_out", run=self.run, percent=100.0 * LEAST_COVERAGE, **counts))
         interval = {"factor_low": self.factor_low, "factor_high": self.factor_high}
         if self.factor_high < 1.0:
             remarks.append(message("evaluation.worse", run=self.run, times=1.0 / self.factor, **interval))

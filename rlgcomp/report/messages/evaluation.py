@@ -13,6 +13,10 @@ def out_of_range(run: str, percent: float, inputs: list[str]) -> str:
 
 
 TEXTS: Final = {
+    "windows_left_out": (
+        "{run}: {left_out} of {windows} windows are left out, because less than {percent:.0f} % of their samples are there; all "
+        "numbers rest on the other {used}."
+    ),
     "trained_on": "{run} was used for training, at least in part: its residual proves nothing.",
     "model_trained_on": "{model}: {run} was used for training, at least in part: its residual proves nothing.",
     "worse": (
