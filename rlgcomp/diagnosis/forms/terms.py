@@ -108,7 +108,8 @@ class Region:
     rougher : callable, optional
         A form with departures that are too many to be screened; None where it has none.
     renew : callable, optional
-        Forms linear about what weights of its first leading basis show, in place of one that is so about something else.
+        Forms linear about what weights of its first leading basis show, in place of one that is so about something else; of several
+        kinds, each of which is followed to its own end.
     one_history : callable, optional
         A form at its prior, and forms that explain alike what was before the runs: tried in the set that predicts alone.
     propose : callable, optional
