@@ -165,3 +165,9 @@ def test_the_gyro_itself_is_refused_as_an_input() -> None:
     one = one.replace(table=one.table.assign(copy_V=-one.rate_deg_h() / 3600.0))
     with pytest.raises(rlg.InputError, match="copy_V, which is the gyro itself"):
         require_no_gyro([one], "all,copy_V", None)
+
+
+def test_what_is_measured_at_a_gyro_is_a_monitor() -> None:
+    one = run(cycle(20.0, 50.0, 3.0), 1)
+    one = one.replace(table=one.table.assign(gyro_current_mA=np.random.default_rng(0).standard_normal(len(one))))
+    assert further_monitors([one], "all", pipeline_for([one], "all")) == (["gyro_current_mA"], [])

@@ -16,6 +16,7 @@ from rlgcomp.compensation.features import FEATURES, Difference, Feature, Lag, Le
 from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.errors import InputError
 from rlgcomp.recording import ENCODERS, TIME, Recording, is_compensation, is_gyro
+from rlgcomp.recording.columns import NEARLY
 from rlgcomp.report.messages import Message, message
 from rlgcomp.report.messages.column_names import is_like_a_gyro
 from rlgcomp.units import is_thermometer
@@ -234,7 +235,6 @@ _MONITORS: Final = (
     "discharge_current_b_mA",
 )
 TABLE: Final = (*ENCODERS, "table_rate_deg_s")
-_NEARLY: Final = 0.8  # of difflib's likeness: "temp_block_degC" and "pressure_kPa" are asked about, "cavity_volume" is not
 _COPIED: Final = 0.8  # square of the correlation of steps from sample to sample, from which on a column is made of the gyro,
 _THE_SAME: Final = 1.0 - 1e-6  # and is the gyro
 _LONGEST_NAME: Final = 200
@@ -274,7 +274,9 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
                 f"({', '.join(sorted(common))})"
             )
     if not features:
-        monitors = list(dict.fromkeys(column for run in runs for column in run.columns if _is_monitor(column)))
+        monitors = [
+            one for one in dict.fromkeys(one for run in runs for one in run.columns) if _is_monitor(one) and one not in TABLE
+        ]
         shared = [column for column in monitors if column in common]
         lacking = [column for column in monitors if column not in common]
         raise InputError(str(message("compensation.no_monitor", columns=sorted(common), monitors=shared, lacking=lacking)))
@@ -308,29 +310,45 @@ def further_monitors(
         return [], []
     known = {TIME, *ENCODERS, "readout_a_V", "readout_b_V", *pipeline.columns}
     common = [column for column in runs[0].columns if all(column in run for run in runs) and column not in known]
-    monitors = [column for column in common if not (is_gyro(column) or is_compensation(column) or column.startswith("accel_"))]
+    monitors = [column for column in common if _is_monitor(column)]
     values = {column: np.concatenate([run.column(column) for run in runs]) for column in monitors}
     varying = [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
     own = [column for column in varying if column not in TABLE]
-    of_gyros = [column for column in own if is_like_a_gyro(column) or _copies_gyro(runs, column, gyro)]
-    remarks = [message("compensation.gyro_is_no_input", column=column) for column in of_gyros if column not in names]
+    of_gyros = {*filter(is_like_a_gyro, own), *_made_of_gyro(runs, own, gyro, _COPIED)}
+    told = [column for column in own if column in of_gyros and column not in names]
+    remarks = [message("compensation.gyro_is_no_input", column=column) for column in told]
     return [column for column in varying if column not in of_gyros], remarks
 
 
 def require_no_gyro(runs: Sequence[Recording], wanted: str | Sequence[str], gyro: str | None) -> None:
     """Raise `InputError` where an input that is asked for is the gyro itself, in another unit or with another sign."""
-    for column in feature_names(wanted):
-        if all(column in run for run in runs) and _copies_gyro(runs, column, gyro, _THE_SAME):
-            raise InputError(
-                f"--features names {column}, which is the gyro itself in another unit; an input is what else was recorded"
-            )
+    named = [column for column in feature_names(wanted) if all(column in run for run in runs)]
+    for column in _made_of_gyro(runs, named, gyro, _THE_SAME):
+        raise InputError(f"--features names {column}, which is the gyro itself in another unit; an input is what else was recorded")
 
 
-def _copies_gyro(runs: Sequence[Recording], column: str, gyro: str | None, least: float = _COPIED) -> bool:
-    """Whether a column moves from sample to sample as the gyro does, whose noise no monitor knows."""
-    moves = [(np.diff(run.column(column)), np.diff(run.rate_deg_h(gyro))) for run in runs]
-    own, other = (np.concatenate(parts) for parts in zip(*moves, strict=True))
-    return bool((own @ other) ** 2 > least * (own @ own) * (other @ other))
+def _made_of_gyro(runs: Sequence[Recording], columns: Sequence[str], gyro: str | None, least: float) -> list[str]:
+    """Columns that move from sample to sample as the gyro does, whose noise no monitor knows.
+
+    Parameters
+    ----------
+    runs : sequence of Recording
+    columns : sequence of str
+    gyro : str, optional
+    least : float
+        Square of the correlation of the steps.
+    """
+    of_gyro, found = _steps(run.rate_deg_h(gyro) for run in runs), []
+    for column in columns:
+        own = _steps(run.column(column) for run in runs)
+        if (own @ of_gyro) ** 2 > least * (own @ own) * (of_gyro @ of_gyro):
+            found.append(column)
+    return found
+
+
+def _steps(values: Iterable[Array]) -> Array:
+    """From sample to sample, of one run after the other."""
+    return np.concatenate([np.diff(of_run) for of_run in values])
 
 
 def nearly_standard(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:
@@ -346,17 +364,17 @@ def nearly_standard(runs: Sequence[Recording], wanted: str | Sequence[str] = "al
     lacking = {name.lower(): name for name in (*_MONITORS, *TABLE) if name not in columns}
     remarks = []
     for column in columns:
-        own = is_gyro(column) or is_compensation(column) or column in (*_MONITORS, *TABLE, TIME) or column.startswith("accel_")
-        if own or is_thermometer(column) or column in feature_names(wanted):
+        standard = column in (*_MONITORS, *TABLE) or is_thermometer(column)
+        if standard or not _is_monitor(column) or column in feature_names(wanted):
             continue
-        if close := difflib.get_close_matches(column.lower(), lacking, n=1, cutoff=_NEARLY):
+        if close := difflib.get_close_matches(column.lower(), lacking, n=1, cutoff=NEARLY):
             remarks.append(message("compensation.nearly_standard", column=column, nearest=lacking[close[0]]))
     return remarks
 
 
 def _is_monitor(column: str) -> bool:
     """Whether a column may be learnt from: it is neither time nor gyro, no acceleration, and not written by a compensation."""
-    return not (column == TIME or is_gyro(column) or is_compensation(column) or column.startswith("accel_") or column in TABLE)
+    return not (column == TIME or is_gyro(column) or is_compensation(column) or column.startswith("accel_"))
 
 
 def omitted_groups(runs: Sequence[Recording], wanted: str | Sequence[str] = "all") -> list[Message]:

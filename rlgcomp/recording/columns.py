@@ -51,7 +51,7 @@ _WRITTEN_OUT: Final = [
     for axis in (("_x_", "_y_", "_z_") if "_x_" in name else ("",))
     if "<" not in name and not name.startswith(_WRITTEN_BY_US)
 ]
-_NEARLY: Final = 0.8  # of difflib's likeness
+NEARLY: Final = 0.8  # of difflib's likeness: "temp_block_degC" and "pressure_kPa" are asked about, "cavity_volume" is not
 _DEGREES: Final = re.compile(r"(temperature_\w+?)_?deg_?c?", re.IGNORECASE)
 _LARGEST: Final = float(np.finfo(np.float64).max)
 
@@ -78,7 +78,7 @@ def nearest_standard(name: str) -> str | None:
         return None
     if degrees := _DEGREES.fullmatch(name):
         return f"{degrees[1]}_degC"
-    near = difflib.get_close_matches(name, _WRITTEN_OUT, n=1, cutoff=_NEARLY)
+    near = difflib.get_close_matches(name, _WRITTEN_OUT, n=1, cutoff=NEARLY)
     return near[0] if near and not _is_another(name.split("_"), near[0].split("_")) else None
 
 

@@ -129,12 +129,17 @@ def suggested_gyro(columns: Sequence[str], stated: Mapping[str, str] | None = No
 
 
 def is_like_a_gyro(name: str) -> bool:
-    """Whether a name looks like that of a gyro, or states a unit of one.
+    """Whether a name looks like that of a gyro and states no unit of anything else, or states a unit of one.
 
     >>> is_like_a_gyro("GyroX_dps"), is_like_a_gyro("Kreisel B"), is_like_a_gyro("rate [deg/s]"), is_like_a_gyro("T_block [degC]")
     (True, True, True, False)
+    >>> is_like_a_gyro("gyro_current_mA"), is_like_a_gyro("Gyro supply [V]"), is_like_a_gyro("RLG pressure [hPa]")
+    (False, False, False)
     """
-    return _GYRO.search(name) is not None or _unit_of(name, "deg/h") is not None
+    if _unit_of(name, "deg/h") is not None:
+        return True
+    other = header_unit(name)[1] or column_unit(name)
+    return _GYRO.search(name) is not None and (other is None or not is_unit(other) or same_kind(other, "deg/h"))
 
 
 def suggested_temperature(columns: Sequence[str]) -> str:
