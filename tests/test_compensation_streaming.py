@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -28,6 +29,7 @@ from rlgcomp.compensation.growing_files import agrees
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.fixed_size import FixedSizeLSSVM
 from rlgcomp.compensation.streaming import StreamCompensator, to_lines
+from rlgcomp.errors import InputError
 from rlgcomp.recording.formats.dialect import dialect_of
 
 MONITORS = ("temperature_block_degC", "temperature_shell_degC", "light_intensity_V", "readout_a_V", "readout_b_V")
@@ -476,6 +478,33 @@ def streamed(model: rlg.Compensator, table: pd.DataFrame) -> tuple[pd.DataFrame,
     stream = StreamCompensator(model, ",".join(table.columns))
     lines = to_lines(table)
     return pd.concat([stream.feed(lines[first : first + 50]) for first in range(0, len(lines), 50)], ignore_index=True), stream
+
+
+@pytest.mark.parametrize(
+    ("changed", "mapping", "message"),
+    [
+        ({"time_s": lambda run: 45000.0 + run["time_s"] / 86400.0}, {}, r"--map time_s='time_s \[excel\]'"),
+        ({"temperature_block_degC": lambda run: run["temperature_block_degC"] + 273.15}, {}, "temperature_block_degC.*kelvin"),
+        ({}, {"temperature_block_degC": "temperature_block_degC [K]"}, "absolute zero"),
+    ],
+    ids=["days for seconds", "kelvin for degC", "degC for kelvin"],
+)
+def test_a_stream_in_other_units_is_refused_as_a_whole_file_is(
+    model: rlg.Compensator,
+    csv: Path,
+    changed: dict[str, Callable[[pd.DataFrame], pd.Series]],
+    mapping: dict[str, str],
+    message: str,
+) -> None:
+    """Whether the lines come one by one or all at once, once there are twenty."""
+    table = pd.read_csv(csv)[["time_s", "gyro_deg_h", *MONITORS]].head(60).assign(**changed)
+    lines = to_lines(table)
+    for size in (1, 20):
+        stream = StreamCompensator(model, ",".join(table.columns), mapping=mapping)
+        for first in range(0, 20 - size, size):
+            stream.feed(lines[first : first + size])
+        with pytest.raises(InputError, match=re.compile(message, re.DOTALL)):
+            stream.feed(lines[20 - size : 20])
 
 
 def test_what_the_name_of_a_mapped_column_states_is_said_of_a_stream(saved: Path, csv: Path, tmp_path: Path) -> None:

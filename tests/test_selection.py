@@ -16,6 +16,7 @@ import rlgcomp as rlg
 from rlgcomp.compensation.models import MODELS
 from rlgcomp.compensation.models.lssvm_search import batches, beyond
 from rlgcomp.compensation.selection import select
+from rlgcomp.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +93,17 @@ def test_an_interrupted_search_resumes(data: tuple[np.ndarray, np.ndarray, np.nd
     seen.clear()
     choose(data, journal=journal, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(9, 9)]
+
+
+def test_an_interrupted_search_whose_errors_are_not_finite_resumes(
+    data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    """JSON has no number that is none: what was not finite when it was written is not when it is read, and is refused the same."""
+    X, y, groups = data
+    y = np.where(np.arange(len(y)) == 7, np.nan, y)
+    for _ in range(2):
+        with pytest.raises(InputError, match="no setting of the model has a finite error"):
+            choose((X, y, groups), journal=tmp_path / "journal.jsonl")
 
 
 def test_a_journal_of_other_data_is_ignored(data: tuple[np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:

@@ -256,7 +256,7 @@ def _read_journal(journal: Path | None, fingerprint: str, sizes: Sequence[int]) 
     for line in lines[1:]:
         with contextlib.suppress(ValueError, KeyError, TypeError):
             entry = from_json(line)
-            k, rmse = entry["piece"], entry["rmse"]
+            k, rmse = entry["piece"], np.asarray(entry["rmse"], dtype=np.float64).tolist()  # JSON has no NaN, but null
             if entry["sha256"] == _line_digest(fingerprint, k, rmse) and 0 <= k < len(sizes) and len(rmse) == sizes[k]:
                 scores[k] = rmse
     return scores

@@ -32,9 +32,9 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import TIME, Finding, Metadata, is_gyro, rate_name
 from rlgcomp.recording.formats import column_mapping, csv, read_sidecar, require_sidecar, write_sidecar
 from rlgcomp.recording.formats.dialect import BLANKS, Dialect, decimal_of, entries
-from rlgcomp.recording.formats.mapping import Mapped, apply_mapping, parse_mapping, steps_of
+from rlgcomp.recording.formats.mapping import Mapped, apply_mapping, parse_mapping, source_names, steps_of
 from rlgcomp.recording.repair import LARGEST_VALUE, LONGEST_HOLD_S, READOUTS, ROUNDING, without_light
-from rlgcomp.recording.repair.running_sense import RunningSense
+from rlgcomp.recording.repair.running_sense import RunningSense, RunningUnits
 from rlgcomp.recording.repair.running_time import RunningTime
 from rlgcomp.recording.times import AmbiguousDatesError
 from rlgcomp.report.messages import Message, message
@@ -262,6 +262,7 @@ class StreamCompensator:
         converters = steps_of(self.mapping, self.dialect.names)
         self._time = RunningTime(converters[TIME].size if TIME in converters else None)
         self._sense, self._begun = RunningSense(), False
+        self._units = RunningUnits(source_names(self.mapping, self.dialect.names))
         self.by_name: tuple[Finding, ...] = ()
         self.usable = 0
         self.left_out: Counter[str] = Counter()
@@ -356,6 +357,7 @@ class StreamCompensator:
             mapped = mapped.assign(**{TIME: self._time.seconds(mapped[TIME])})
         numbers = mapped.apply(pd.to_numeric, errors="coerce").astype(np.float64)
         numbers = numbers.mask(numbers.abs() > LARGEST_VALUE)
+        self._units.require(numbers, renamed.stated_units)
         numbers = self._sense.checked(numbers, renamed.error_values)
         dark = without_light(numbers)
         return numbers.assign(**{column: numbers[column].mask(dark) for column in READOUTS}) if dark.any() else numbers

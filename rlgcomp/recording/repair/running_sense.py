@@ -15,10 +15,19 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
-from rlgcomp.recording.repair.sense import ABSOLUTE_ZERO_DEGC, CLOSE, ERROR_VALUES, HOTTEST_DEGC, ISOLATED, moduli_of
+from rlgcomp.recording import ENCODERS, TIME, Metadata, is_compensation, is_gyro
+from rlgcomp.recording.repair import UnusableRecordingError
+from rlgcomp.recording.repair.clock import time_unit
+from rlgcomp.recording.repair.context import Context
+from rlgcomp.recording.repair.sense import CLOSE, ERROR_VALUES, ISOLATED, moduli_of
+from rlgcomp.recording.repair.wrong_units import (
+    ABSOLUTE_ZERO_DEGC,
+    HOTTEST_DEGC,
+    refused_as_degC_for_kelvin,
+    refused_as_kelvin,
+)
 
-FEWEST: Final = 20  # values of a column that show its range
+FEWEST: Final = 20  # values of a column that show its range, and rows that show its unit
 IMPOSSIBLE, ERRORS, OVERFLOWS = "impossible temperatures", "error values of loggers", "overflows of counters"
 
 
@@ -101,3 +110,45 @@ class RunningSense:
             return np.nan
         column.take(value)
         return value
+
+
+class RunningUnits:
+    """Units of a stream: its first rows are refused where those of a whole recording would be.
+
+    Parameters
+    ----------
+    sources : mapping of str to str
+        The stream's own names of mapped columns, for messages.
+    """
+
+    def __init__(self, sources: Mapping[str, str]) -> None:
+        self._sources, self._first = sources, pd.DataFrame()
+
+    def require(self, table: pd.DataFrame, stated_units: frozenset[str]) -> None:
+        """Take the next rows, until they are enough to be judged.
+
+        Parameters
+        ----------
+        table : pandas.DataFrame
+        stated_units : frozenset of str
+            Columns whose unit the user stated; it is not checked.
+
+        Raises
+        ------
+        UnusableRecordingError
+            Days as seconds, kelvin as degC or degC as kelvin.
+        """
+        if len(self._first) >= FEWEST or table.empty:
+            return
+        self._first = pd.concat([self._first, table], ignore_index=True)
+        if len(self._first) < FEWEST:
+            return
+        context = Context(Metadata(), stated_units, sources=self._sources)
+        if self._first[TIME].notna().any():
+            time_unit(self._first, context)
+        for column in (name for name in map(str, table.columns) if name.endswith("_degC")):
+            values = self._first[column].to_numpy()
+            if not refused_as_degC_for_kelvin(column, values, context) and column not in stated_units:
+                refused_as_kelvin(column, values, context)
+        if context.refused:
+            raise UnusableRecordingError("the stream", tuple(context.findings))

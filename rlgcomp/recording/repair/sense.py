@@ -11,11 +11,9 @@ import pandas as pd
 
 from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
 from rlgcomp.recording.repair.context import Array, Context, Mask, Step
+from rlgcomp.recording.repair.wrong_units import ABSOLUTE_ZERO_DEGC, COLDEST_DEGC, HOTTEST_DEGC, refused_as_degC_for_kelvin
 from rlgcomp.report.messages import message
 
-ABSOLUTE_ZERO_DEGC: Final = -273.15
-COLDEST_DEGC: Final = -200.0  # below liquid nitrogen, which cools the shrouds of vacuum chambers
-HOTTEST_DEGC: Final = 300.0  # of any chamber, and of the adhesives and solder of a gyro
 # Numbers that loggers, converters and thermometers write for no reading, by themselves and by what single precision makes of them.
 _WRITTEN: Final = (
     -9999.0, -999.0, -99999.0, -999.9, -999.99, -9999.9, -9999.99, -8888.0, -7999.0, 7999.0, 9999.0, 99999.0, 999.9, 999.99,
@@ -203,7 +201,7 @@ def impossible_temperatures(table: pd.DataFrame, context: Context) -> pd.DataFra
         if extent.least >= COLDEST_DEGC and extent.greatest <= HOTTEST_DEGC:
             continue
         values = table[column].to_numpy()
-        if _refused_as_degC_for_kelvin(column, values, context):
+        if refused_as_degC_for_kelvin(column, values, context):
             continue
         impossible: Mask = (values < ABSOLUTE_ZERO_DEGC) | (values > HOTTEST_DEGC)
         known = int(np.isfinite(values).sum())
@@ -223,16 +221,6 @@ def impossible_temperatures(table: pd.DataFrame, context: Context) -> pd.DataFra
         context.add("repaired", message("recording.impossible_temperatures", **about), column, impossible.argmax())
         changed[column] = np.where(impossible, np.nan, values)
     return table.assign(**changed) if changed else table
-
-
-def _refused_as_degC_for_kelvin(column: str, values: Array, context: Context) -> bool:
-    """Refuse a thermometer that is colder than any gyro and above absolute zero: its degC were taken for kelvin."""
-    median = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
-    if not ABSOLUTE_ZERO_DEGC <= median < COLDEST_DEGC:
-        return False
-    about = message("recording.near_absolute_zero", column=column, median=median, source=context.source(column))
-    context.add("refused", about, column)
-    return True
 
 
 def repeated_values(table: pd.DataFrame, context: Context) -> pd.DataFrame:

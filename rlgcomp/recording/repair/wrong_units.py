@@ -12,6 +12,9 @@ from rlgcomp.recording import TIME, is_gyro
 from rlgcomp.recording.repair.context import Array, Context
 from rlgcomp.report.messages import message
 
+ABSOLUTE_ZERO_DEGC: Final = -273.15
+COLDEST_DEGC: Final = -200.0  # below liquid nitrogen, which cools the shrouds of vacuum chambers
+HOTTEST_DEGC: Final = 300.0  # of any chamber, and of the adhesives and solder of a gyro
 QUIETEST_DEG_SQRT_H: Final = 2e-6  # two orders below the quantum limit of the best navigation-grade gyros,
 LEAST_DEG_SQRT_H: Final = 1e-7  # near that of a ring of 16 m² (12 prad/s/√Hz; Schreiber and Wells, Rev. Sci. Instrum. 84, 041101)
 LARGEST_STATIC_RATE_DEG_H: Final = 100.0
@@ -24,14 +27,29 @@ def units_meant(table: pd.DataFrame, context: Context) -> pd.DataFrame:
         if column in context.stated_units or (extent.missing and np.isnan(values).all()):
             continue
         if column.endswith("_degC") and not extent.greatest <= 180.0:
-            median = float(np.nanmedian(values))
-            if 180.0 < median < 400.0:
-                context.add(
-                    "refused", message("recording.kelvin", column=column, median=median, source=context.source(column)), column
-                )
+            refused_as_kelvin(column, values, context)
         elif is_gyro(column) and not column.endswith("_pulses") and not plainly_in_its_unit(table, column, context):
             _gyro_unit(table, column, context)
     return table
+
+
+def refused_as_kelvin(column: str, values: Array, context: Context) -> bool:
+    """Refuse a thermometer in degC whose median is a temperature of a laboratory in kelvin."""
+    median = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
+    if not 180.0 < median < 400.0:
+        return False
+    context.add("refused", message("recording.kelvin", column=column, median=median, source=context.source(column)), column)
+    return True
+
+
+def refused_as_degC_for_kelvin(column: str, values: Array, context: Context) -> bool:
+    """Refuse a thermometer that is colder than any gyro and above absolute zero: its degC were taken for kelvin."""
+    median = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
+    if not ABSOLUTE_ZERO_DEGC <= median < COLDEST_DEGC:
+        return False
+    about = message("recording.near_absolute_zero", column=column, median=median, source=context.source(column))
+    context.add("refused", about, column)
+    return True
 
 
 def plainly_in_its_unit(table: pd.DataFrame, column: str, context: Context) -> bool:
