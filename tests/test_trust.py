@@ -14,9 +14,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 import rlgcomp as rlg
 from rlgcomp.challenge import seal
+from rlgcomp.cli import register_commands
+from rlgcomp.cli.base import app
 from rlgcomp.errors import InputError
 from rlgcomp.files import sha256
 from rlgcomp.scratch import PREFIX
@@ -42,33 +45,41 @@ def simulator(tmp_path: Path) -> Path:
     return tmp_path / "gyro.yaml"
 
 
+_AGAIN_AND_AGAIN = """
+import signal, sys
+from rlgcomp.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGUSR1])
+for _ in range(2):
+    try:
+        main()
+    except SystemExit as ended:
+        print(ended.code, flush=True)
+    signal.sigwait([signal.SIGUSR1])
+"""  # the command, whose code is printed, and once more when asked for
+
+
 def test_a_signal_leaves_no_scratch(simulator: Path, tmp_path: Path) -> None:
     """A long simulation is stopped while it writes or before: what is there is whole, and nothing else is."""
     out = tmp_path / "out"
     out.mkdir()
-    line = [
-        *COMMAND,
-        "simulate",
-        str(simulator),
-        "--profile",
-        "start 20, hold 120",
-        "--step-s",
-        "0.2",
-        "--out",
-        str(out / "run.csv"),
-    ]
+    line = ["simulate", str(simulator), "--profile", "start 20, hold 120", "--step-s", "0.2", "--out", str(out / "run.csv")]
+    process = subprocess.Popen([sys.executable, "-c", _AGAIN_AND_AGAIN, *line], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    until = time.monotonic() + 120.0
     for number in (signal.SIGTERM, signal.SIGINT):
-        process = subprocess.Popen(line, stderr=subprocess.PIPE)
-        until = time.monotonic() + 120.0
         while not any(out.iterdir()) and process.poll() is None and time.monotonic() < until:
             time.sleep(0.02)
         process.send_signal(number)
-        _, error = process.communicate(timeout=120)
-        assert process.returncode in (0, 128 + number, -number)
-        assert b"Traceback" not in error
+        ended = process.stdout.readline()
+        assert int(ended) in (0, 128 + number)
         assert not [path for path in out.iterdir() if path.name.startswith(PREFIX)]
         for path in out.iterdir():
             path.unlink()
+        process.send_signal(signal.SIGUSR1)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 0
+    assert b"Traceback" not in error
 
 
 def test_an_interrupt_before_the_command_runs_is_quiet() -> None:
@@ -79,6 +90,18 @@ def test_an_interrupt_before_the_command_runs_is_quiet() -> None:
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, check=False)
     assert done.returncode == -signal.SIGINT
     assert not done.stderr
+
+
+_TABLE_AND_JSON = """
+import sys
+from rlgcomp.cli import main
+for option in ([], ["--json"]):
+    sys.argv[3:] = option
+    try:
+        main()
+    except SystemExit as ended:
+        print(end=f"\\0{ended.code}\\0")
+"""
 
 
 def test_closed_and_narrow_streams_are_no_fault(simulator: Path, tmp_path: Path) -> None:
@@ -94,14 +117,18 @@ def test_closed_and_narrow_streams_are_no_fault(simulator: Path, tmp_path: Path)
         str(tmp_path / "run.parquet"),
     ]
     assert subprocess.run(["bash", "-c", '"$@" >&- 2>&- <&-', "-", *simulate], check=False).returncode == 0
-    inspect = [*COMMAND, "inspect", str(tmp_path / "run.parquet")]
-    narrow = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}
-    done = subprocess.run(inspect, env=narrow, capture_output=True, check=False)
-    assert done.returncode == 0
+    narrow = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C", "NO_COLOR": "1"}
+    inspect = [sys.executable, "-c", _TABLE_AND_JSON, "inspect", str(tmp_path / "run.parquet")]
+    done = subprocess.run(inspect, env=narrow, capture_output=True, check=True)
     assert done.stdout.isascii()
-    as_json = subprocess.run([*inspect, "--json"], env=narrow, capture_output=True, check=False)
-    assert json.loads(as_json.stdout)[0]["name"] == "run"
-    assert subprocess.run(["bash", "-c", '"$@" > /dev/full', "-", *inspect], capture_output=True, check=False).returncode == 2
+    assert not done.stderr  # quiet where there is no terminal
+    assert b"\x1b" not in done.stdout
+    table, code, as_json, code_of_json, _ = done.stdout.decode().split("\0")
+    assert "Thermal legs" in table
+    assert json.loads(as_json)[0]["name"] == "run"
+    assert (code, code_of_json) == ("0", "0")
+    full = [*COMMAND, "mechanisms"]
+    assert subprocess.run(["bash", "-c", '"$@" > /dev/full', "-", *full], capture_output=True, check=False).returncode == 2
 
 
 def test_a_reader_that_has_seen_enough_is_no_fault(tmp_path: Path) -> None:
@@ -124,8 +151,11 @@ def test_a_reader_that_has_seen_enough_is_no_fault(tmp_path: Path) -> None:
 def test_names_do_not_steer_the_terminal(simulator: Path, tmp_path: Path) -> None:
     path = tmp_path / "run\x1b[2J.csv"
     rlg.write(rlg.Simulator.from_yaml(simulator).simulate("short", step_s=20.0), path)
-    done = subprocess.run([*COMMAND, "inspect", str(path), str(tmp_path / "absent\x1b[2J.csv")], capture_output=True, check=False)
-    assert b"\x1b[2J" not in done.stdout + done.stderr
+    register_commands()
+    for given in (path, tmp_path / "absent\x1b[2J.csv"):
+        done = CliRunner().invoke(app, ["inspect", str(given)])
+        assert r"\x1b[2J" in done.output
+        assert "\x1b[2J" not in done.output
 
 
 _ON_A_FULL_DISK = """
