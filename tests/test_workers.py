@@ -88,19 +88,32 @@ list(spread(work, {pieces!r}, died=str, n_jobs=2))
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_workers_end_with_the_process_that_started_them(tmp_path: Path, number: int) -> None:
+def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
+    """It is killed, so that Python runs nothing at its end: the workers see it, and the next command removes the sockets."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as short:
+        _start_and_kill(tmp_path, Path(short))
+
+
+def _start_and_kill(tmp_path: Path, sockets: Path) -> None:
     pieces = [str(tmp_path / name) for name in "ab"]
-    parent = subprocess.Popen([sys.executable, "-c", LEAVES_ITS_WORKERS.format(pieces=pieces)])
+    line = [sys.executable, "-c", LEAVES_ITS_WORKERS.format(pieces=pieces)]
+    parent = subprocess.Popen(line, env=os.environ | {"TMPDIR": str(sockets)})
     until = time.monotonic() + 60.0
     while not all(Path(piece).exists() and Path(piece).read_text() for piece in pieces) and time.monotonic() < until:
         time.sleep(0.05)
     workers = [int(Path(piece).read_text()) for piece in pieces]
-    parent.send_signal(number)
+    parent.kill()
     parent.wait(60)
     while any(Path(f"/proc/{worker}").exists() for worker in workers) and time.monotonic() < until:
         time.sleep(0.05)
     assert not [worker for worker in workers if Path(f"/proc/{worker}").exists()]
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        left = [path.name for path in sockets.iterdir()]
+        assert left
+        assert all(name.startswith(PREFIX) for name in left)
+        with temporary_folder(sockets):
+            pass
+        assert not any(sockets.iterdir())
 
 
 _STARTER = """
@@ -109,34 +122,19 @@ from rlgcomp.scratch import PREFIX, temporary_folder
 from rlgcomp.workers import spread
 first = next(spread(abs, [-1, -2], died=abs, n_jobs=2))
 print(*os.listdir(tempfile.gettempdir()))
-sys.stdout.flush()
-if sys.argv[1] == "kill":
-    os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
 @pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="no server of processes here")
-@pytest.mark.parametrize("end", ["kill", "return"])
-def test_sockets_of_workers_are_scratch(end: str) -> None:
-    """They are gone after the process, or after the next command where it was killed."""
+def test_sockets_of_workers_are_scratch() -> None:
+    """They are gone after the process; where it was killed, see above."""
     with tempfile.TemporaryDirectory(dir="/tmp") as short:
-        _start_and_end(Path(short), end)
-
-
-def _start_and_end(tmp_path: Path, end: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", _STARTER, end],
-        env=os.environ | {"TMPDIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == (-signal.SIGKILL if end == "kill" else 0), done.stderr
-    assert all(name.startswith(PREFIX) for name in done.stdout.split())
-    assert any(tmp_path.iterdir()) == (end == "kill")
-    with temporary_folder(tmp_path):
-        pass
-    assert not any(tmp_path.iterdir())
+        line = [sys.executable, "-c", _STARTER]
+        done = subprocess.run(line, env=os.environ | {"TMPDIR": short}, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.split()
+        assert all(name.startswith(PREFIX) for name in done.stdout.split())
+        assert not any(Path(short).iterdir())
 
 
 @pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="no server of processes here")
@@ -144,7 +142,7 @@ def test_a_long_name_of_the_temporary_folder_is_no_fault(tmp_path: Path) -> None
     folder = tmp_path / ("x" * 100)
     folder.mkdir()
     done = subprocess.run(
-        [sys.executable, "-c", _STARTER, "return"],
+        [sys.executable, "-c", _STARTER],
         env=os.environ | {"TMPDIR": str(folder)},
         capture_output=True,
         text=True,
