@@ -89,6 +89,6 @@ def shared() -> Path:
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A real scheduler and two worker processes."""
-    with local_cluster(2, tmp_path) as started:
+    """A real scheduler and three worker processes."""
+    with local_cluster(3, tmp_path) as started:
         yield started

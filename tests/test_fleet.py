@@ -9,6 +9,7 @@ import os
 import shutil
 import signal
 import time
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import experiments.work
 import rlgcomp as rlg
 from experiments.cluster import Cluster
 from rlgcomp.cli import register_commands
@@ -192,14 +194,22 @@ def test_a_unit_whose_files_are_damaged_is_done_again(tmp_path: Path) -> None:
 
 
 def slow(unit: Unit, folder: Path) -> dict[str, object]:
-    time.sleep(0.5)
+    time.sleep(0.2)
     (folder / "value").write_text(repr(np.random.default_rng(int(unit.name[-1])).normal(size=50).tolist()))
     return {"pid": os.getpid()}
 
 
+def drawn(seed: int) -> list[float]:
+    time.sleep(0.2)
+    return np.random.default_rng(seed).normal(size=20).tolist()
+
+
 @pytest.mark.needs("distributed")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
-def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluster, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fleet, in the middle of which a worker is killed, then pieces of an experiment, in the middle of which another one is."""
     address, processes = cluster
     fleet = [Unit(f"gyro-{k}", ()) for k in range(8)]
     expected = run_fleet(slow, fleet, tmp_path / "here")
@@ -215,6 +225,20 @@ def test_a_cluster_gives_the_same_bits_though_a_worker_is_killed(cluster: Cluste
     assert processes[1].poll() is not None
     pids = {one.result["pid"] for one in outcomes}
     assert os.getpid() not in pids
+    pieces = [(seed,) for seed in range(8)]
+    written = []
+
+    def line(row: dict[str, object], *, usual: Callable[[dict[str, object]], str] = experiments.work.line_of) -> str:
+        written.append(row)
+        if len(written) == 3:
+            processes[2].send_signal(signal.SIGKILL)
+        return usual(row)
+
+    monkeypatch.setattr("experiments.work.line_of", line)
+    found = experiments.work.Work(scheduler=address, rows=tmp_path / "rows").results("drawn", drawn, pieces)
+    assert processes[2].poll() is not None
+    assert len((tmp_path / "rows").read_text().splitlines()) == 8
+    assert found == experiments.work.Work(1).results("drawn", drawn, pieces)
 
 
 @pytest.mark.parametrize(

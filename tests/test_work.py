@@ -1,4 +1,4 @@
-"""Pieces of experiments: kept, resumed, spread over a cluster of which a worker dies; results as if they had been made at once."""
+"""Pieces of experiments: kept, resumed, spread over processes of which one dies; results as if they had been made at once."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import importlib
 import json
 import os
 import signal
-import time
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +31,6 @@ def kills(seed: int) -> int:
     if seed == 1:
         os.kill(os.getpid(), signal.SIGKILL)
     return seed
-
-
-def slowly(seed: int) -> list[float]:
-    time.sleep(0.5)
-    return np.random.default_rng(seed).normal(size=20).tolist()
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -77,25 +71,13 @@ def test_a_piece_that_kills_its_worker_ends_with_a_message_and_the_others_are_ke
     assert kept.results("kills", kills, [(0,), (2,)]) == [0, 2]
 
 
-@pytest.mark.needs("distributed")
-@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
-def test_a_cluster_whose_worker_is_killed_gives_the_same(cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    address, processes = cluster
-    pieces = [(seed,) for seed in range(8)]
-    expected = Work(1).results("slowly", slowly, pieces)
-    kill_after(3, processes, monkeypatch)
-    assert Work(scheduler=address, rows=tmp_path / "rows").results("slowly", slowly, pieces) == expected
-    assert processes[1].poll() is not None
-    assert len((tmp_path / "rows").read_text().splitlines()) == 8
-
-
 @pytest.mark.slow
 @pytest.mark.needs("distributed")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning", "ignore::ResourceWarning")
 def test_the_concealed_benchmark_on_a_cluster_whose_worker_is_killed(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Three cases are diagnosed by one process, and by two workers of which one is killed half-way: the same but for seconds."""
+    """Three cases are diagnosed by one process, and by three workers of which one is killed half-way: the same but for seconds."""
     from experiments.concealed.__main__ import main
 
     address, processes = cluster
