@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -170,51 +172,77 @@ def test_libraries_are_looked_for_again_only_when_modules_were_imported_since(mo
             assert len(looked) == times
 
 
-_USE = """
+_EACH_ANEW = """
+import json, os, resource, signal, sys
+import numba
 import numpy as np
 from rlgcomp.numerics import filters
 filters.MANY = 1
-print(repr(float(filters.low_pass(0.0, np.sin(np.arange(500.0)), np.ones(500), 7.0)[0].sum())))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for line in sys.stdin:
+    process = os.fork()
+    if process == 0:
+        environment = json.loads(line)
+        if environment.pop("full", False):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))
+        os.environ.update(environment)
+        print(repr(float(filters.low_pass(0.0, np.sin(np.arange(500.0)), np.ones(500), 7.0)[0].sum())), flush=True)
+        os._exit(0)
+    if os.waitpid(process, 0)[1]:
+        print("nan", flush=True)
 """  # one short loop, soon compiled
 
 
-def _run(code: str, **environment: str) -> str:
+@pytest.fixture(scope="module")
+def anew() -> Iterator[Callable[..., str]]:
+    """Compile the loop in a new process with an environment of its own, and use it: each is forked from one that has Numba."""
     unset = {name: value for name, value in os.environ.items() if name not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**unset, **environment})
-    return done.stdout
+    line = [sys.executable, "-c", _EACH_ANEW]
+    with subprocess.Popen(
+        line, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=unset
+    ) as made:
+        assert made.stdin is not None
+        assert made.stdout is not None
+        asked, answers = made.stdin, made.stdout
+
+        def use(**environment: object) -> str:
+            print(json.dumps(environment), file=asked, flush=True)
+            return answers.readline()
+
+        yield use
+        _, errors = made.communicate()
+        assert (made.returncode, errors) == (0, "")
 
 
 @needs_numba
-def test_compiled_code_is_kept_in_the_users_cache_and_never_in_the_package(tmp_path: Path) -> None:
+def test_compiled_code_is_kept_in_the_users_cache_and_never_in_the_package(
+    anew: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it is damaged, that costs speed alone."""
+    monkeypatch.setattr(filters, "MANY", 1)
+    result = float(filters.low_pass(0.0, np.sin(np.arange(500.0)), np.ones(500), 7.0)[0].sum())
     package = Path(compiled.__file__).parents[1]
     before = set(package.rglob("*.nb?"))
-    result = _run(_USE, XDG_CACHE_HOME=str(tmp_path))
+    assert float(anew(XDG_CACHE_HOME=str(tmp_path))) == result
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "rlgcomp").rglob("*.nb?")}
     assert kept
-    assert _run(_USE, XDG_CACHE_HOME=str(tmp_path)) == result
+    assert float(anew(XDG_CACHE_HOME=str(tmp_path))) == result
     assert {path: path.stat().st_mtime_ns for path in kept} == kept  # the second process compiled nothing
     assert set(package.rglob("*.nb?")) == before
-
-
-@needs_numba
-def test_a_cache_that_cannot_be_written_or_is_damaged_costs_speed_alone(tmp_path: Path) -> None:
-    result = _run(_USE, XDG_CACHE_HOME=str(tmp_path))
-    (tmp_path / "file").write_text("no folder")
-    assert _run(_USE, XDG_CACHE_HOME=str(tmp_path / "file")) == result
-    assert _run(_USE, HOME="/dev/null") == result
-    for path in (tmp_path / "rlgcomp").rglob("*.nb?"):
+    for path in kept:
         path.write_bytes(path.read_bytes()[:40])
-    assert _run(_USE, XDG_CACHE_HOME=str(tmp_path)) == result
+    assert float(anew(XDG_CACHE_HOME=str(tmp_path))) == result
 
 
 @needs_numba
-def test_a_full_disk_costs_speed_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No file may grow: what is compiled cannot be kept."""
-    limit = "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))\n"
-    unset = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    environment = {**unset, "XDG_CACHE_HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run([sys.executable, "-c", limit + _USE], check=False, capture_output=True, text=True, env=environment)
-    assert (done.returncode, done.stderr) == (0, "")
+def test_a_cache_that_cannot_be_written_costs_speed_alone(
+    anew: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its folder is a file, or there is none at home, or no file may grow: what is compiled cannot be kept."""
     monkeypatch.setattr(filters, "MANY", 1)
-    assert float(done.stdout) == float(filters.low_pass(0.0, np.sin(np.arange(500.0)), np.ones(500), 7.0)[0].sum())
+    result = float(filters.low_pass(0.0, np.sin(np.arange(500.0)), np.ones(500), 7.0)[0].sum())
+    (tmp_path / "file").write_text("no folder")
+    for environment in ({"XDG_CACHE_HOME": str(tmp_path / "file")}, {"HOME": "/dev/null"}):
+        assert float(anew(**environment)) == result
+    assert float(anew(XDG_CACHE_HOME=str(tmp_path / "full"), full=True)) == result
+    assert not sum(path.stat().st_size for path in tmp_path.rglob("*.nbc"))
