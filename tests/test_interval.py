@@ -18,9 +18,9 @@ from rlgcomp.compensation.window_means import window_means
 
 
 def test_ninety_percent_of_windows_held_out_by_run_lie_within() -> None:
-    """20 units, programmes of their own for every run, four runs to train on: 87 to 93 % (measured in docs/results/coverage.md)."""
+    """Ten units, programmes of their own for each run, four runs to train on: 87 to 93 % (measured in docs/results/coverage.md)."""
     shares = []
-    for seed in range(20):
+    for seed in range(10):
         unit, rng = rlg.simulated_unit(seed), np.random.default_rng(seed)
         runs = [unit.simulate(programme(rng), seed=k, step_s=20.0, name=f"{k}") for k in range(6)]
         compensator = rlg.Compensator(rlg.CubicLeastSquares(linear="dynamics")).fit(runs[:4])
@@ -61,7 +61,8 @@ def test_gyros_of_the_same_runs_show_together_how_runs_differ(runs: int, between
         interval = Interval.calibrated(*arguments, runs=runs, other_gyros=errors[1:])
         new = 0.01 * (rng.standard_normal(60) + biases[0, -1] - biases[0, :runs].mean())
         covered.append(np.mean(np.abs(new) <= interval.inside_deg_h))
-        narrower.append(interval.inside_deg_h / Interval.calibrated(*arguments, runs=runs).inside_deg_h)
+        if between > 0.0:
+            narrower.append(interval.inside_deg_h / Interval.calibrated(*arguments, runs=runs).inside_deg_h)
     assert interval.gyros == 3
     assert 0.86 < np.mean(covered) < 0.96
     assert between == 0.0 or np.median(narrower) < 1.0
