@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import rlgcomp as rlg
 from rlgcomp.recording.outliers import without_gyro_outliers, without_monitor_outliers
+from tests.two_hour_runs import BASELINE, REAL, runs_of
 
 ROWS = 4000
 SAMPLE_S = 1.0
@@ -162,13 +161,11 @@ def test_counts_of_pulses_are_unchanged() -> None:
 
 
 def test_outliers_change_no_diagnosis() -> None:
-    gyro = rlg.simulated_unit(1)
-    runs = [gyro.simulate("short", seed=seed, step_s=5.0) for seed in (1, 2)]
-    simulator = gyro.without("readout_incoherence")
-    few: dict[str, Any] = {"only": ["readout_incoherence", "supply_voltage", "thermal_lag"], "window_s": 360.0, "black_box": False}
-    found = rlg.diagnose(simulator, train=[struck(runs[0], slice(700, 703), 50.0), runs[1]], **few)
-    assert [cause.name for cause in found.causes] == ["readout_incoherence"]
-    assert without_gyro_outliers(struck(runs[0], slice(700, 703), 50.0), None)[1][0] in found.remarks
+    sound, other = runs_of(REAL, 2)
+    wrong = struck(sound, slice(100, 102), 50.0)
+    found = rlg.diagnose(BASELINE, train=[wrong, other], only=["supply_voltage"], window_s=320.0, black_box=False)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert without_gyro_outliers(wrong, None)[1][0] in found.remarks
 
 
 def monitored(every: int, size: float, seed: int = 4) -> rlg.Recording:
