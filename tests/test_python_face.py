@@ -14,6 +14,8 @@ from sklearn.base import clone
 
 import rlgcomp as rlg
 from rlgcomp.simulation.two_axis_table import reversing
+from tests.few_monitors import few_monitors
+from tests.two_hour_runs import BASELINE, REAL, runs_of
 
 
 @pytest.fixture(scope="module")
@@ -165,23 +167,23 @@ def test_results_are_tables_in_a_notebook(runs: list[rlg.Recording], fitted: rlg
         assert page.count("<table") == 1
 
 
-def test_diagnose_and_simulate_better(folder: Path, runs: list[rlg.Recording], tmp_path: Path) -> None:
-    rlg.simulated_unit(1).without("readout_incoherence").to_yaml(tmp_path / "gyro.yaml")
+def test_diagnose_and_simulate_better(tmp_path: Path) -> None:
+    BASELINE.to_yaml(tmp_path / "gyro.yaml")
     simulator = rlg.Simulator.from_yaml(tmp_path / "gyro.yaml")
-    held_out = rlg.read(folder / "new.parquet")
-    few = {name: rlg.CATALOGUE[name] for name in ("readout_incoherence", "supply_voltage", "thermal_lag")}
-    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], mechanisms=few, window_s=360.0, black_box=False)
-    assert "readout_incoherence" in str(diagnosis)
-    assert "readout_incoherence" in str(diagnosis.findings)
+    *runs, held_out = runs_of(REAL)
+    few = {name: rlg.CATALOGUE[name] for name in ("supply_voltage", "thermal_lag")}
+    diagnosis = rlg.diagnose(simulator, train=runs, test=[held_out], mechanisms=few, window_s=320.0, black_box=False)
+    assert "supply_voltage" in str(diagnosis)
+    assert "supply_voltage" in str(diagnosis.findings)
     page = diagnosis._repr_html_()
-    assert page.startswith("<p>The simulator lacks readout_incoherence")
-    assert "<td>readout_incoherence</td>" in page
+    assert page.startswith("<p>The simulator lacks supply_voltage")
+    assert "<td>supply_voltage</td>" in page
     better = diagnosis.augmented
     assert isinstance(better.simulate("short", seed=2, step_s=10.0), rlg.Recording)
     assert len(better.predict(held_out)) == len(held_out)
     diagnosis.report(tmp_path / "report.html")
     assert (tmp_path / "report.html").stat().st_size > 0
-    assert issubclass(rlg.CATALOGUE["readout_incoherence"], rlg.Mechanism)
+    assert issubclass(rlg.CATALOGUE["supply_voltage"], rlg.Mechanism)
 
 
 def test_the_allan_deviation_of_a_recording(static: rlg.Recording) -> None:
@@ -229,7 +231,8 @@ def test_a_function_is_a_simulator(runs: list[rlg.Recording]) -> None:
         return np.zeros(len(recording))
 
     few = {name: rlg.CATALOGUE[name] for name in ("thermal_polynomial", "temperature_rate")}
-    diagnosis = rlg.diagnose(bias, train=runs[:1], test=runs[1:], mechanisms=few, window_s=600.0, black_box=False)
+    train, test = ([few_monitors(run)] for run in runs)
+    diagnosis = rlg.diagnose(bias, train=train, test=test, mechanisms=few, window_s=600.0, black_box=False)
     assert diagnosis.verdict in ("none", "explained", "ambiguous", "unknown")
 
     def broken(recording: rlg.Recording) -> np.ndarray:
