@@ -33,6 +33,7 @@ from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.tabulated_law import TabulatedLaw
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
+from tests.few_monitors import few_monitors
 
 PROGRAMMES = (
     "start 20, hold 40, ramp -30 1, hold 60, ramp 50 1.2, hold 40, ramp 10 0.8, hold 40, ramp 35 1, hold 30",
@@ -187,7 +188,7 @@ def test_a_rate_of_noisy_readings_comes_back_as_the_mechanism(tmp_path: File) ->
     rng, noisy = np.random.default_rng(2), []
     for run in (real.simulate(p, seed=k, step_s=20.0, name=f"run{k}") for k, p in enumerate(PROGRAMMES)):
         block = run.column("temperature_block_degC") + 0.02 * rng.standard_normal(len(run))
-        noisy.append(run.replace(table=run.table.assign(temperature_block_degC=block), truth=None))
+        noisy.append(few_monitors(run.replace(table=run.table.assign(temperature_block_degC=block), truth=None)))
     free = {"temperature_rate": {"k_deg_h_min_K": "free"}}
     known = Simulator.from_mapping({"kind": "chamber", "mechanisms": [mechanisms[0], free]})
     found = diagnose(known, noisy, only=["supply_voltage"], black_box=False)
