@@ -19,6 +19,7 @@ from rlgcomp.cli.base import app, repeated_options
 from rlgcomp.diagnosis.diagnose import diagnose as diagnose_runs
 from rlgcomp.diagnosis.report.result import Diagnosis
 from rlgcomp.diagnosis.simulators.user_simulator import SimulatedRuns
+from tests.few_monitors import few_monitors
 
 register_commands()
 OWN_MECHANISM = """
@@ -44,9 +45,10 @@ class Square(Mechanism):
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
-    unit = rlg.simulated_unit(1)
+    unit, kept = rlg.simulated_unit(1), ("light_intensity_V", "readout_a_V", "readout_b_V")
     for seed in range(4):
-        rlg.write(unit.simulate("short", seed=seed, step_s=20.0, name=f"run{seed}"), folder / f"run{seed}.parquet")
+        run = few_monitors(unit.simulate("short", seed=seed, step_s=20.0, name=f"run{seed}"), *kept)
+        rlg.write(run, folder / f"run{seed}.parquet")
         rlg.write(unit.predict(rlg.read(folder / f"run{seed}.parquet")), folder / f"sim{seed}.parquet")
     (folder / "sim.yaml").write_text("kind: chamber\nmechanisms:\n  - thermal_polynomial: {degree: 3}\n  - temperature_rate\n")
     (folder / "gyros.json").write_text(json.dumps([{"gyro": name, "coefficients": {}} for name in "ab"]))
