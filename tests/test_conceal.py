@@ -150,7 +150,7 @@ class TestConceal:
     def test_an_effect_far_above_its_usual_size_has_a_remark(self) -> None:
         def remarks(mechanisms: list[object], hide: str, **options: float) -> list[tuple[str, str]]:
             simulator = rlg.Simulator.from_mapping(SIMULATOR | {"mechanisms": mechanisms})
-            return [(one.code, one.data["mechanism"]) for one in conceal(simulator, hide, step_s=10.0, **options).remarks]
+            return [(one.code, one.data["mechanism"]) for one in conceal(simulator, hide, step_s=60.0, **options).remarks]
 
         static = {"thermal_polynomial": {"degree": 3}}
         absorbed = [("challenge.absorbed_by_the_simulator", "thermal_gradient")]
@@ -445,11 +445,7 @@ class TestCommands:
         for line in filter(None, printed):
             expanded = [sorted(map(str, Path("/").glob(word[1:]))) if "*" in word else [word] for word in line.split()]
             words = [word for words in expanded for word in words]
-            more = (
-                ["--json"]
-                if words[0] == "reveal"
-                else ["--averaging-s", 240, "--only", "bellows", "ambient_pressure", "supply_voltage"]
-            )
+            more = ["--json"] if words[0] == "reveal" else ["--averaging-s", 480, "--only", "bellows", "ambient_pressure"]
             done = self.run(*words, *more)
             assert done.exit_code == 0, done.output
         return json.loads(done.stdout)
