@@ -17,6 +17,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 from rlgcomp.simulation.table_programme import TableProgramme
+from tests.few_monitors import few_monitors
 
 NOISE = {"angle_random_walk_deg_sqrt_h": 0.0003}
 BASE = Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 2}}], "noise": NOISE})
@@ -31,7 +32,9 @@ def real(missing: dict[str, dict[str, float]]) -> Simulator:
 
 def asked(simulator: Simulator, runs: list[Recording], *only: str) -> Diagnosis:
     """On windows 2.5 times as long as by default."""
-    return diagnose(simulator, runs, only=only, window_s=2.5 * Grid.of(runs).window_s, black_box=False)
+    return diagnose(
+        simulator, [few_monitors(run) for run in runs], only=only, window_s=2.5 * Grid.of(runs).window_s, black_box=False
+    )
 
 
 @pytest.fixture(scope="module")
