@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -23,6 +24,18 @@ def fitted(rate: np.ndarray, step_s: float = 1.0, **options: object) -> NoiseCoe
     return deviation(rate, step_s, **options).noise()
 
 
+@functools.cache
+def curve_of(model: rlg.NoiseModel, seed: int) -> rlg.AllanDeviation:
+    """Of a record of 5 h, at which several tests look."""
+    return deviation(record(model, seed))
+
+
+@functools.cache
+def noise_of(model: rlg.NoiseModel, seed: int) -> NoiseCoefficients:
+    """Fitted to it."""
+    return curve_of(model, seed).noise()
+
+
 def truth(model: rlg.NoiseModel, ramp_deg_h2: float = 0.0) -> np.ndarray:
     return np.array([getattr(model, name) for name in NAMES[:4]] + [ramp_deg_h2])
 
@@ -34,7 +47,7 @@ def values_of(found: list[NoiseCoefficients], suffix: str = "") -> np.ndarray:
 @pytest.mark.parametrize("model", [WHITE, SMALL], ids=["white", "small-others"])
 def test_angle_random_walk_is_nearly_efficient_and_its_error_true(model: rlg.NoiseModel) -> None:
     """40 records of 5 h: within 1 %, stated error within 1.5 times the Cramér–Rao bound, errors as stated (rms known to 11 %)."""
-    found = [fitted(record(model, seed)) for seed in range(40)]
+    found = [noise_of(model, seed) for seed in range(40)]
     ratio = values_of(found)[:, 1] / model.angle_random_walk_deg_sqrt_h
     stated = values_of(found, "_sd")[:, 1] / model.angle_random_walk_deg_sqrt_h
     assert abs(ratio.mean() - 1.0) < 0.01
@@ -153,8 +166,8 @@ def whittle(rate: np.ndarray) -> float:
 
 def test_ways_of_fitting_that_fail() -> None:
     """On the same 30 records: unconstrained fits go negative, the others scatter more or are biased."""
-    curves = [deviation(record(SMALL, seed)) for seed in range(30)]
-    ours = np.array([curve.noise().angle_random_walk_deg_sqrt_h for curve in curves]) / 0.0004
+    curves = [curve_of(SMALL, seed) for seed in range(30)]
+    ours = np.array([noise_of(SMALL, seed).angle_random_walk_deg_sqrt_h for seed in range(30)]) / 0.0004
 
     def walks(way: object) -> np.ndarray:
         return np.sqrt([max(way(curve)[1], 0.0) for curve in curves]) / 60.0 / 0.0004
@@ -169,9 +182,8 @@ def test_ways_of_fitting_that_fail() -> None:
 
 def test_as_good_as_the_likelihood_of_the_spectrum() -> None:
     """Record by record the two agree to a third of their standard error, and neither scatters more than the other by 10 %."""
-    rates = [record(SMALL, seed) for seed in range(20)]
-    ours = np.array([fitted(rate).angle_random_walk_deg_sqrt_h for rate in rates]) / 0.0004
-    referee = np.array([whittle(rate) for rate in rates]) / 0.0004
+    ours = np.array([noise_of(SMALL, seed).angle_random_walk_deg_sqrt_h for seed in range(20)]) / 0.0004
+    referee = np.array([whittle(record(SMALL, seed)) for seed in range(20)]) / 0.0004
     assert np.std(ours - referee) < 0.33 * np.std(referee)
     assert ours.std() < 1.1 * referee.std()
 
