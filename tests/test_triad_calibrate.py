@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -16,11 +17,9 @@ from rlgcomp.calibration.triad.calibrate import (
     TableCalibration,
     calibrate_turntable,
     navigator_remarks,
-    predicted,
     rate_bias,
 )
 from rlgcomp.calibration.triad.estimate import TriadCalibration
-from rlgcomp.calibration.triad.information import Noise
 from rlgcomp.calibration.triad.run import TableRun
 from rlgcomp.recording.formats import write
 from rlgcomp.report.calibration import render
@@ -64,7 +63,7 @@ def test_the_alternatives_stay_out_of_lock_in(name: str) -> None:
 
 
 def test_alternatives_come_with_their_standard_deviations() -> None:
-    table = predicted(Noise(), 39.98).set_index("third step")
+    table = triads.turntable().alternatives.set_index("third step")
     assert table.loc["step-3", "scale_x_ppm"] < 0.015
     assert table.loc["step-3-modulated", "scale_x_ppm"] == pytest.approx(0.04, abs=0.01)
     assert 0.3 < table.loc["step-3-slow-outer", "scale_x_ppm"] < 0.8
@@ -76,8 +75,8 @@ def test_an_outlier_has_a_remark_with_its_time_and_the_run_is_cut_there(
     """It passed for noise of the accelerometers in every run, and the errors stated were thirty times what they are."""
     table = recordings[0].table.copy()
     table.loc[9000:9003, "accel_x_m_s"] += 3.0 * STEP_S
-    known = triads.turntable().alternatives  # of the third steps, which are not the matter here
-    monkeypatch.setattr("rlgcomp.calibration.triad.calibrate.predicted", lambda *_: known)
+    alternatives = pd.DataFrame()  # of the third steps, which are not the matter here
+    monkeypatch.setattr("rlgcomp.calibration.triad.calibrate.predicted", lambda *_: alternatives)
     cut = calibrate_turntable([recordings[0].replace(table=table), *recordings[1:]])
     assert cut.remarks[0].code == "calibration.outliers"
     assert cut.remarks[0].data["run"] == "step-1"
