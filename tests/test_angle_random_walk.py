@@ -78,7 +78,7 @@ def test_a_table_whose_speed_wanders_is_not_taken_for_noise() -> None:
 
 @pytest.mark.parametrize("pulses", [None, LIU_PULSE_ARCSEC], ids=["fine", "pulses"])
 def test_an_outlier_is_left_out_and_reported_with_its_time(pulses: float | None) -> None:
-    run = turned(((60.0, 900.0),), pulse_arcsec=pulses)
+    run = turned(((60.0, 750.0),), pulse_arcsec=pulses)
     sound = angle_random_walk(run)
     assert not sound.left_out
     frame = run.table.copy()
@@ -108,7 +108,7 @@ def test_a_gap_of_half_a_turn_leaves_whole_revolutions_as_they_are() -> None:
 
 
 def test_gaps_and_a_trend_on_temperature() -> None:
-    run = turned(((60.0, 1800.0),), table=STEADY)
+    run = turned(((60.0, 1000.0),), table=STEADY)
     frame = run.table
     keep = (frame["time_s"] % 400.0 > 3.0).to_numpy()
     holed = run.replace(table=frame[keep])
