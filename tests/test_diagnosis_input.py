@@ -208,17 +208,18 @@ def test_a_held_out_run_without_the_column_of_a_cause_takes_no_part_in_the_proof
         gyro = made.column("gyro_deg_h") + 0.01 * (field - 45.0)
         return made.replace(table=made.table.assign(magnetic_field_uT=field, gyro_deg_h=gyro), truth=None)
 
-    few = {name: CATALOGUE[name] for name in ("magnetic_field", "supply_voltage", "thermal_lag")}
+    few = {name: CATALOGUE[name] for name in ("magnetic_field", "supply_voltage")}
+    options = {"window_s": 240.0, "black_box": False}
     train, (seen, blind) = [driven(1), driven(2)], [driven(3), driven(4)]
     blind = blind.replace(table=blind.table.drop(columns="magnetic_field_uT"))
-    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few, black_box=False)
+    found = rlg.diagnose(simulator, train, [seen, blind], mechanisms=few, **options)
     assert [cause.name for cause in found.causes] == ["magnetic_field"]
     (told,) = [one for one in found.remarks if one.code == "diagnosis.run_lacks_column"]
     assert told.data == {"run": "run4", "columns": ["magnetic_field_uT"]}
     assert found.test is not None
     assert [fit.run for fit in found.test.per_run] == ["run3"]
     alone = {"magnetic_field": few["magnetic_field"]}
-    assert rlg.diagnose(simulator, train, [blind], mechanisms=alone, black_box=False).test is None
+    assert rlg.diagnose(simulator, train, [blind], mechanisms=alone, **options).test is None
 
 
 def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None:
@@ -247,15 +248,18 @@ def test_parts_that_share_a_few_rows_are_two(run: rlg.Recording) -> None:
         require_held_out([first], [run.between(0.5 * middle, float(run.time_s[-1]))])
 
 
-def test_a_held_out_run_is_sampled_at_half_the_rate_or_refused_where_no_window_is_full(run: rlg.Recording) -> None:
-    unit = rlg.simulated_unit(1)
-    slower = unit.simulate("short", seed=2, step_s=10.0, name="slower")
-    found = rlg.diagnose(unit, [run], test=[slower], only=["warm_up"], black_box=False)
+def test_a_held_out_run_is_sampled_at_half_the_rate_or_refused_where_no_window_is_full() -> None:
+    simulator = rlg.Simulator((CATALOGUE["thermal_polynomial"](),), noise=NOISE)
+    run, slower, slowest = (
+        few_monitors(simulator.simulate("short", seed=seed, step_s=step_s, name=name))
+        for seed, step_s, name in ((1, 5.0, "cold"), (2, 10.0, "slower"), (3, 120.0, "slowest"))
+    )
+    found = rlg.diagnose(simulator, [run], test=[slower], only=["warm_up"], black_box=False)
     assert found.test is not None
     assert found.test.improvement == pytest.approx(0.0, abs=0.05)
     assert found.test.baseline_rms == pytest.approx(found.train.baseline_rms, rel=0.15)  # of means over the same time
     with pytest.raises(rlg.InputError, match=r"slowest: no window of .* s is full: its samples are 120 s apart"):
-        rlg.diagnose(unit, [run], test=[unit.simulate("short", seed=3, step_s=120.0, name="slowest")], only=["warm_up"])
+        rlg.diagnose(simulator, [run], test=[slowest], only=["warm_up"])
 
 
 def test_recordings_without_names_are_told_apart() -> None:
