@@ -214,7 +214,7 @@ def test_without_monitors_a_sharp_signal_tells_the_time() -> None:
 def test_p_values_of_equal_clocks_are_uniform() -> None:
     """Two thermometers with noise of their own, sampled otherwise."""
     rng = np.random.default_rng(4)
-    time_s = np.arange(0.0, 3000.0, 5.0)
+    time_s = np.arange(0.0, 3000.0, 12.0)
     p_values, scaled = [], []
     for _ in range(60):
         temperature = 20.0 + 10.0 * np.sin(time_s / 400.0 + rng.uniform(0.0, 6.0))
@@ -269,7 +269,7 @@ def test_one_simulation_a_run(run: rlg.Recording, simulated: rlg.Recording) -> N
 
 def test_simulations_in_another_order_than_the_runs_are_refused() -> None:
     unit = rlg.simulated_unit(3)
-    runs = [unit.simulate(programme, seed=5, step_s=10.0, name=programme) for programme in ("paper", "reversed", "slow")]
+    runs = [unit.simulate(programme, seed=5, step_s=30.0, name=programme) for programme in ("paper", "reversed", "slow")]
     own = [unit.predict(run).replace(name=f"sim-{run.name}") for run in runs]
     alone = [one.replace(table=one.table[GYRO_ALONE]) for one in own]
     for right in (own, alone):
@@ -283,7 +283,7 @@ def silent_pairs() -> tuple[list[rlg.Recording], list[rlg.Recording]]:
     """Runs, and what a simulator says of them whose gyro stands still."""
     unit = rlg.simulated_unit(3)
     programmes = ("paper", "reversed", "start 20, ramp 50 0.1")
-    runs = [unit.simulate(programme, seed=5, step_s=10.0, name=programme) for programme in programmes]
+    runs = [unit.simulate(programme, seed=5, step_s=30.0, name=programme) for programme in programmes]
     own = [unit.predict(run).replace(name=f"sim-{run.name}") for run in runs]
     return runs, [one.replace(table=one.table.assign(gyro_deg_h=0.01)) for one in own]
 
@@ -300,7 +300,7 @@ def test_simulations_of_other_runs_are_refused_by_their_thermometers(
 
 def test_simulations_of_other_runs_are_taken_where_a_thermometer_hardly_moves() -> None:
     unit = rlg.simulated_unit(3)
-    rest = [unit.simulate("start 20, hold 90", seed=seed, step_s=10.0, name=f"rest-{seed}") for seed in (1, 2)]
+    rest = [unit.simulate("start 20, hold 90", seed=seed, step_s=30.0, name=f"rest-{seed}") for seed in (1, 2)]
     assert len(SimulatedRuns.of(rest, [unit.predict(run) for run in reversed(rest)]).runs) == 2
 
 
@@ -414,7 +414,7 @@ def test_any_answer_is_taken_or_refused(run: rlg.Recording, answer: object) -> N
         assert np.isfinite(rate).all()
 
 
-@pytest.mark.parametrize(("offset_s", "lock_in_deg_s"), [(0.0, 0.0), (-20.0, 0.0), (-20.0, 0.02)])
+@pytest.mark.parametrize(("offset_s", "lock_in_deg_s"), [(-20.0, 0.0), (-20.0, 0.02)])
 def test_the_clock_of_a_turning_table_is_told_by_its_gyro(offset_s: float, lock_in_deg_s: float) -> None:
     """The simulation has other rows, on another clock, which drifts: rows in which the table speeds up are left out."""
     said = [{"scale_factor": {"k_ppm": 0.0, "bias_deg_h": 5.5}}]
@@ -489,7 +489,7 @@ def test_a_held_out_run_may_lack_the_thermometer_that_training_runs_have() -> No
     assert "temperature_shell_degC" in runs[2]
     runs[2] = runs[2].replace(table=runs[2].table.drop(columns="temperature_block_degC"))
     few = {name: CATALOGUE[name] for name in ("thermal_lag", "supply_voltage")}
-    options = {"mechanisms": few, "window_s": 120.0, "black_box": False}
+    options = {"mechanisms": few, "window_s": 360.0, "black_box": False}
     diagnosis = rlg.diagnose(None, runs[:2], runs[2:], simulated=simulations, **options)
     assert diagnosis.test is None
     (told,) = [one for one in diagnosis.remarks if one.code == "diagnosis.run_lacks_column"]
