@@ -30,7 +30,7 @@ from tests.few_monitors import few_monitors
 from tests.own_mechanism import write_bellows
 
 SIMULATOR = {"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]}
-FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage", "magnetic_field", "thermal_lag")}
+FEW = {name: CATALOGUE[name] for name in ("thermal_polynomial", "supply_voltage", "magnetic_field")}
 
 
 @functools.cache
