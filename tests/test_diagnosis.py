@@ -64,6 +64,7 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
     ((), []),
     (({"warm_up": {"initial_deg_h": 0.02, "time_constant_s": 2000.0}},), ["warm_up"]),
     (({"random_telegraph": {"half_step_deg_h": 0.01, "dwell_s": 2500.0}},), ["random_telegraph"]),
+    (({"periodic_interference": {"frequency_hz": 1.0 / 1300.0}},), ["periodic_interference"]),
     (({"magnetic_field": {"k_deg_h_uT": 0.002}}, {"discharge_imbalance": {}}), ["discharge_imbalance", "magnetic_field"]),
 ]
 
@@ -72,7 +73,7 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
 def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expected: list[str]) -> None:
     """Among all monitors where nothing is missing or two effects are, one of them of an idle monitor.
 
-    Lines have a file of their own; tests/test_other_places.py names lags and hops among all mechanisms.
+    tests/test_other_places.py names lags and hops among all mechanisms.
     """
     runs, several = made(*missing), len(expected) > 1
     found = asked([few_monitors(run) for run in runs] if len(expected) == 1 else runs, **(FEWER if several else {}))
