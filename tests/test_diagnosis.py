@@ -62,6 +62,8 @@ def mechanisms(diagnosis: Diagnosis) -> list[str]:
 HYSTERESIS = {"thermal_hysteresis": {"law": "plays", "k1_deg_h_K": 2e-3, "radius_K": 8.0}}
 CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
     ((), []),
+    (({"mode_hop": {"step_deg_h": 0.01, "threshold_degC": 22.0}},), ["mode_hop"]),
+    (({"thermal_lag": {"k_deg_h_K": 2e-3, "time_constant_s": 1500.0}},), ["thermal_lag"]),
     (({"warm_up": {"initial_deg_h": 0.02, "time_constant_s": 2000.0}},), ["warm_up"]),
     (({"random_telegraph": {"half_step_deg_h": 0.01, "dwell_s": 2500.0}},), ["random_telegraph"]),
     (({"periodic_interference": {"frequency_hz": 1.0 / 1300.0}},), ["periodic_interference"]),
@@ -71,10 +73,7 @@ CASES: list[tuple[tuple[str | dict[str, Any], ...], list[str]]] = [
 
 @pytest.mark.parametrize(("missing", "expected"), CASES, ids=lambda value: "+".join(map(str, value))[:40] or "none")
 def test_names_what_is_missing(missing: tuple[str | dict[str, Any], ...], expected: list[str]) -> None:
-    """Among all monitors where nothing is missing or two effects are, one of them of an idle monitor.
-
-    tests/test_other_places.py names lags and hops among all mechanisms.
-    """
+    """Among all monitors where nothing is missing or two effects are, one of them of an idle monitor."""
     runs, several = made(*missing), len(expected) > 1
     found = asked([few_monitors(run) for run in runs] if len(expected) == 1 else runs, **(FEWER if several else {}))
     assert mechanisms(found) == expected
