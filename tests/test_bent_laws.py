@@ -178,3 +178,40 @@ def test_a_coefficient_of_the_rate_may_follow_the_temperature() -> None:
     function, warmth = finding["function"], np.concatenate([run.column("temperature_block_degC") for run in runs[::2]])
     slope = np.polyfit(function["driver"], function["value"], 1)[0]
     assert slope == pytest.approx(0.02 * (1.0 + 0.05 * (0.5 * (warmth.min() + warmth.max()) - 20.0)), rel=0.02)
+
+
+def test_what_a_monitor_did_some_time_before_is_a_law_of_it() -> None:
+    """As of a coolant on its way: a lag of the same time leaves what changes fast, and other causes stand for that."""
+    found = diagnosed("coolant_flow_l_min", lambda level, time_s: np.interp(time_s - LAG_S, time_s, level))
+    (law,) = found.laws
+    assert not found.causes
+    assert (law.name, law.drivers) == ("lag:coolant_flow_l_min", ("coolant_flow_l_min",))
+    assert law.equation == "b = k coolant_flow_l_min(t - delay_s)"
+    delay = law.parameters["delay_s"]
+    assert abs(delay.value - LAG_S) < 4.0 * delay.sd
+    assert delay.sd < 30.0
+    fit = found.to_mapping()["fit"]["test"]
+    assert fit["augmented_rms"] < 1.3 * fit["noise_floor_rms"]
+    assert found.file_rms == pytest.approx(fit["augmented_rms"], rel=0.05)
+
+
+def test_a_sensitivity_that_follows_the_temperature_is_still_that_of_the_monitor() -> None:
+    """As of most sensors and circuits; it is neither a law of two columns nor a second cause."""
+    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
+    runs = []
+    for k, programme in enumerate(PROGRAMMES):
+        run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
+        drawn = gaussian_filter1d(np.random.default_rng(50 + k).standard_normal(len(run)), 60.0)
+        level = drawn / np.std(drawn)
+        answer = 0.02 * level * (1.0 + 0.05 * (run.column("temperature_block_degC") - 20.0))
+        table = run.table.assign(supply_voltage_V=28.0 + 0.1 * level, gyro_deg_h=run.rate_deg_h() + answer)
+        runs.append(few_monitors(run.replace(table=table, truth=None)))
+    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
+    found = diagnose(fitted, runs[::2], runs[1:2], window_s=4.0 * Grid.of(runs).window_s, black_box=False, **FEWER)
+    assert [cause.name for cause in found.causes] == ["supply_voltage"]
+    assert found.verdict == "explained"
+    assert found.causes[0].equation == "b = (k + a T) (supply_voltage_V)"
+    fit = found.to_mapping()["fit"]["test"]
+    assert fit["augmented_rms"] < 1.15 * fit["noise_floor_rms"]
+    assert found.file_rms == pytest.approx(fit["augmented_rms"], rel=0.05)  # what is written holds the coefficient

@@ -166,6 +166,8 @@ def _law(mechanism: TabulatedLaw, columns: Columns, runs: Sequence[Recording]) -
             for name, weight in zip(("cosine", "sine"), weights, strict=True)
             if weight
         ]
+    if mechanism.memory == "delay":
+        raise NoCausalFormError("it reads a column of some time before, which a model does not keep")
     bent = mechanism.slope_below or mechanism.slope_above or mechanism.factor or len(mechanism.knots) > 1
     if not bent and mechanism.memory in ("time", "none", "rate", "lag"):
         return []  # a constant

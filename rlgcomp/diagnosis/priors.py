@@ -100,6 +100,10 @@ WIDEST_OF_ONE: Final = 0.5
 """Over half the driver's range: among relays that overlap one with a wider dead band than the second is part of a hysteresis, whose
 relays are laid a twelfth of the range apart; one with a narrower one than the first is a mode hop. Between them it may be either: a
 range is that of the runs. No hop has a wider one than the third."""
+SCATTER_ODDS: Final = 0.5
+"""Odds that thresholds of a hop differ from passage to passage by more than a bin of a window shows."""
+SCATTERS: Final = (0.003, 0.01, 0.03, 0.1)
+"""By how much, over half the driver's range, each as likely: a path length follows its thermometer to a few hundredths."""
 RADII: Final = tuple(float(r) for r in np.geomspace(0.04, 0.8, 7))
 """Radii of a play, over half the driver's range."""
 RESTS: Final = (-0.6, 0.0, 0.6)

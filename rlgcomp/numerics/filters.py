@@ -88,6 +88,21 @@ def lag(values: Array, time_s: Array, time_constant_s: float) -> Array:
     return decaying(keep, np.r_[values[:1], old * values[:-1] + new * values[1:]])
 
 
+def delayed(values: Array, time_s: Array, delay_s: float) -> Array:
+    """Values of some time before, straight between samples; the first value until so long after the first sample.
+
+    Parameters
+    ----------
+    values, time_s : ndarray, shape (n,)
+    delay_s : float
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    return np.asarray(np.interp(time_s - delay_s, time_s, values))
+
+
 def decaying(keep: Array, values: Array) -> Array:
     r"""Sum of values that decay: :math:`y_k = a_k y_{k-1} + x_k`, from :math:`y_0 = x_0`.
 

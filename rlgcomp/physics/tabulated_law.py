@@ -11,7 +11,7 @@ import numpy as np
 
 from rlgcomp.errors import InputError
 from rlgcomp.numerics.combinations import COMBINATIONS, combined
-from rlgcomp.numerics.filters import lag, rate_per_min
+from rlgcomp.numerics.filters import delayed, lag, rate_per_min
 from rlgcomp.numerics.hysteresis import duhem_paths, middles_of_steps, play_paths
 from rlgcomp.numerics.readings import bin_of_each, readings_of
 from rlgcomp.numerics.relays import STARTS, relay_states, states_before
@@ -20,9 +20,9 @@ from rlgcomp.recording import TIME, Recording
 from rlgcomp.report.messages import Message, message
 from rlgcomp.units import column_unit
 
-MEMORIES: Final = ("none", "rate", "lag", "lags", "plays", "relays", "curves", "product", "time", "wave", "growing wave")
+MEMORIES: Final = ("none", "rate", "lag", "delay", "lags", "plays", "relays", "curves", "product", "time", "wave", "growing wave")
 CHANGES: Final = ("none", "derivative", "glitch")
-FUNCTIONS: Final = ("none", "rate", "lag")  # memories whose table is a function of one number
+FUNCTIONS: Final = ("none", "rate", "lag", "delay")  # memories whose table is a function of one number
 _TABLES: Final = (*FUNCTIONS, "time", "curves")
 _DRIVERLESS: Final = ("time", "wave", "growing wave")
 _ALWAYS: Final = ("memory", "knots", "weights")
@@ -43,6 +43,7 @@ class TabulatedLaw(Mechanism):
     =============  =====================================================================================================
     none           f(u), a table `knots` → `weights`, monotone cubics between the knots, straight lines beyond
     rate, lag      the same function of the slope of u over `time_s` per minute, or of its first-order lag of `time_s`
+    delay          the same function of u(t - `time_s`)
     lags           :math:`\sum_j w_j\,(\mathrm{lag}(u, k_j) - u)`, time constants as knots
     plays          :math:`\sum_j w_j\,(\mathrm{play}(u, k_j) - u)`, radii as knots; in `knots_2` where they stood before, if known
     relays         :math:`\sum_j w_j\,z_j`, relays on above `knots` until below `knots_2`
@@ -161,6 +162,8 @@ class TabulatedLaw(Mechanism):
     def _remembered(self, u: Array, t: Array) -> Array:
         if self.memory == "rate":
             return rate_per_min(u, t, self.time_s)
+        if self.memory == "delay":
+            return delayed(u, t, self.time_s)
         return lag(u, t, self.time_s) if self.memory == "lag" else u
 
     def _interpolated(self, m: Array) -> Array:
@@ -215,6 +218,7 @@ class TabulatedLaw(Mechanism):
             "none": u,
             "rate": f"slope of {u} over {self.time_s:.4g} s",
             "lag": f"lag({u}, {self.time_s:.4g} s)",
+            "delay": f"{u}(t - {self.time_s:.4g} s)",
             "lags": f"{len(self.knots)} lags of {u}",
             "plays": f"{len(self.knots)} plays of {u}",
             "relays": f"{len(self.knots)} relays of {u}",

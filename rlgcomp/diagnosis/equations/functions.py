@@ -121,7 +121,11 @@ def _static(fit: Fit, k: int, path: Path) -> Function:
     columns = {j: basis.columns(run) for j, basis in same.items()}
     means = {j: fit.data.means(basis.columns)[fit.data.of_windows].mean(axis=0) for j, basis in same.items()}
     driver = path.driver
-    of = {"rate": f"d({driver.symbol})/dt", "lag": f"lag({driver.symbol}, {path.time_s:.4g} s)"}.get(path.memory, driver.symbol)
+    of = {
+        "rate": f"d({driver.symbol})/dt",
+        "lag": f"lag({driver.symbol}, {path.time_s:.4g} s)",
+        "delay": f"{driver.symbol}(t - {path.time_s:.4g} s)",
+    }.get(path.memory, driver.symbol)
     unit = f"{driver.unit}/min" if path.memory == "rate" else driver.unit
     return _made("static", of, unit, path.in_unit(at), *_tabulated(fit, k, columns, means))
 

@@ -27,6 +27,8 @@ from rlgcomp.diagnosis.answer.fit import Estimate, Fit
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.equations.stated import all_names, are_decays, number_of, ranks, together
 from rlgcomp.diagnosis.forms.bases import Basis, Own, Smooth, Times
+from rlgcomp.diagnosis.forms.memories import Relays
+from rlgcomp.diagnosis.regions.passages import scatter_of
 from rlgcomp.diagnosis.regions.selections import by_run, in_all_runs, runs_of
 from rlgcomp.diagnosis.regions.turntable import RatePower
 from rlgcomp.errors import InputError
@@ -38,7 +40,7 @@ _SAME: Final = 0.05  # of the white noise of a window mean: what leaves less, or
 _CHANCE: Final = 2.0  # times the square that errors of the weights leave: a misfit within it is chance
 _ABSORBED: Final = 1e-6  # of a column beside the baseline, or of a term: an amplitude of which no more is left is none of its own
 _STEP: Final = 1.0 / 32.0  # of the grid, at which amplitudes' changes with a shape are taken
-_UNITS: Final = {"time_constant_s": "s", "w": ""}  # of what a smooth function is of
+_UNITS: Final = {"time_constant_s": "s", "delay_s": "s", "w": ""}  # of what a smooth function is of
 
 
 class _Nearest(NamedTuple):
@@ -101,7 +103,7 @@ def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str
     if not found.holds:
         return {}, tuple(p.name for p in mechanism().amplitude_parameters()[:1] if found.columns.shape[1] == 1)
     shapes = {
-        same.name: Estimate(value, fit.spread(k, name, value), same.unit)
+        same.name: Estimate(value, _error_of_shape(fit, k, name, value), same.unit)
         for name, value in lead.parameters().items()
         if (same := next((p for p in mechanism.parameters() if p.name.startswith(name)), None)) is not None
     }
@@ -121,6 +123,16 @@ def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str
         for name, value, square in zip(names, values, variance, strict=True)
     }
     return {**amplitudes, **shapes}, ()
+
+
+def _error_of_shape(fit: Fit, k: int, name: str, value: float) -> float:
+    """Standard deviation of a nonlinear parameter; thresholds that scatter are means of those of their passages."""
+    lead = in_all_runs(fit.state.members[k].form.lead[0])
+    if not isinstance(lead, Relays) or not lead.passages:
+        return fit.spread(k, name, value)
+    up, down = scatter_of(lead, fit.data)
+    squares = [float(np.mean(one**2)) / len(one) if len(one) else 0.0 for one in (up, down)]
+    return math.sqrt(squares[0] + (squares[1] if name == "dead_band" else 0.0))
 
 
 def _own_names(

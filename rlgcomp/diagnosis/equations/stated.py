@@ -134,7 +134,7 @@ def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
                 return {"": ("k", unit), "c": ("c", of), "w": ("w", of)}
             if isinstance(basis, SignedPower):
                 return {"": ("k", _per(unit, of, f"^{basis.exponent:.3g}")), "p": ("p", ""), "c": ("c", of)}
-            return {"": ("l" if second else "k", _per(unit, of)), "c": ("d" if second else "c", of)}
+            return {"": ("l" if second else "k", _per(unit, of)), "c": ("d" if second else "c", of), "delay_s": ("delay_s", "s")}
     return {}
 
 

@@ -83,6 +83,12 @@ class Power(Basis):
         slopes = np.polynomial.legendre.legval(inside, np.polynomial.legendre.legder(np.eye(self.degree + 1)[:, 1:])).T
         return np.asarray((table + (u - inside)[:, None] * slopes) / np.arange(1, self.degree + 1))
 
+    def nearby(self, step: float) -> tuple[Self, ...]:
+        return tuple(dataclasses.replace(self, path=path) for path in self.path.with_other_times(_TIME_RATIO**step))
+
+    def parameters(self) -> dict[str, float]:
+        return self.path.parameters()
+
     def per_unit(self) -> float:
         return 1.0 / (self.path.half * self.path.driver.half)
 
@@ -126,14 +132,10 @@ class Smooth(Basis):
         least = _RESOLVED * 2.0 / (self.knots - 1)
         widths = (min(max(self.width * factor, least), priors.SMOOTHEST) for factor in (_WIDTH_RATIO**step, _WIDTH_RATIO**-step))
         found = tuple(dataclasses.replace(self, width=width) for width in widths if width != self.width)
-        if self.path.memory != "lag":
-            return found
-        times = (self.path.time_s * factor for factor in (_TIME_RATIO**step, _TIME_RATIO**-step))
-        paths = (dataclasses.replace(self.path, time_s=time_s) for time_s in times if time_s <= self.path.longest_s)
-        return *found, *(dataclasses.replace(self, path=path) for path in paths)
+        return *found, *(dataclasses.replace(self, path=path) for path in self.path.with_other_times(_TIME_RATIO**step))
 
     def parameters(self) -> dict[str, float]:
-        return {"time_constant_s": self.path.time_s} if self.path.memory == "lag" else {}
+        return self.path.parameters()
 
 
 @dataclasses.dataclass(frozen=True)

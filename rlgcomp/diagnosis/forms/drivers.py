@@ -12,12 +12,12 @@ import numpy.typing as npt
 from rlgcomp.diagnosis.data import Data, Run
 from rlgcomp.diagnosis.forms.hashed import Hashed
 from rlgcomp.numerics.combinations import combined
-from rlgcomp.numerics.filters import lag, rate_per_min, read_noise
+from rlgcomp.numerics.filters import delayed, lag, rate_per_min, read_noise
 from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
 Combination = Literal["column", "difference", "contrast", "between"]
-Memory = Literal["none", "rate", "lag"]
+Memory = Literal["none", "rate", "lag", "delay"]
 _OUTLIERS: Final = 0.002  # share of a column's values beyond its range
 BEYOND: Final = 1.3  # ranges at which a form ceases to bend
 _RATE_ERROR: Final = 0.1  # of the rate's rms, that the slope's window is long enough for
@@ -95,13 +95,13 @@ class Path(Hashed):
     Parameters
     ----------
     driver : Driver
-    memory : {"none", "rate", "lag"}
+    memory : {"none", "rate", "lag", "delay"}
     time_s : float
-        Window of the slope, or time constant of the lag.
+        Window of the slope, time constant of the lag, or the delay.
     centre, half : float
         Range of the path in units of the driver's; a rate is in ranges per run length.
     longest_s : float
-        Longest time constant.
+        Longest time constant, or delay.
     """
 
     driver: Driver
@@ -144,8 +144,20 @@ class Path(Hashed):
                 values = rate_per_min(values, run.elapsed_s, self.time_s)
             elif self.memory == "lag":
                 values = lagged(values, run.grid.bin_s, self.time_s)
+            elif self.memory == "delay":
+                values = delayed(values, run.grid.bin_s * np.arange(len(values), dtype=np.float64), self.time_s)
             run.cache[self] = (values - self.centre) / self.half
         return run.cache[self]
+
+    def with_other_times(self, ratio: float) -> tuple[Self, ...]:
+        """The same with its time constant or delay so many times as long, and so many times shorter; none of a path without one."""
+        times_s = (self.time_s * ratio, self.time_s / ratio) if self.memory in ("lag", "delay") else ()
+        return tuple(dataclasses.replace(self, time_s=time_s) for time_s in times_s if time_s <= self.longest_s)
+
+    def parameters(self) -> dict[str, float]:
+        """Its time constant or delay by the beginning of its name."""
+        name = {"lag": "time_constant_s", "delay": "delay_s"}.get(self.memory)
+        return {} if name is None else {name: self.time_s}
 
     def in_unit(self, values: Array) -> Array:
         """Values in units of its range, as the driver is recorded; a rate per minute."""

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,36 @@ _SMOOTH_HISTORY: Final = 0.5  # correlation length over the plane of what was be
 _CURVES: Final = 2.2  # of radii and widths of a curve that is followed, from one point of their grid to the next
 
 
+class Passage(NamedTuple):
+    """A part of a run in which a relay switches at a moment, wherever its driver is.
+
+    Parameters
+    ----------
+    run : str
+    from_s, to_s : float
+        Since the beginning of the run.
+    at_s : float
+        The moment.
+    up : bool
+        Whether it switches on.
+    """
+
+    run: str
+    from_s: float
+    to_s: float
+    at_s: float
+    up: bool
+
+    def within(self, run: Run) -> npt.NDArray[np.bool_]:
+        """Bins of a run that are part of it."""
+        return np.asarray((run.elapsed_s >= self.from_s) & (run.elapsed_s < self.to_s) & (run.name == self.run))
+
+    def states(self, run: Run) -> Array:
+        """Of the relay, before the moment and after it, on the bins of a run."""
+        after = np.clip((run.elapsed_s - self.at_s) / run.grid.bin_s + 0.5, 0.0, 1.0)
+        return after if self.up else 1.0 - after
+
+
 @dataclasses.dataclass(frozen=True)
 class Relays(Basis):
     """Relays, 0 or 1, each on from where the driver has come up to `up` until it has gone down to `down`.
@@ -51,6 +81,8 @@ class Relays(Basis):
         Those of them in which its state at first is the other one; further runs may then be either.
     histories : tuple of (str, tuple of float)
         What was before runs, where that is known.
+    passages : tuple of Passage
+        Of a single relay, at which it switches elsewhere.
     """
 
     driver: Driver
@@ -64,6 +96,7 @@ class Relays(Basis):
     begins: tuple[tuple[str, float], ...] = ()
     opposite: tuple[str, ...] = ()
     histories: Histories = ()
+    passages: tuple[Passage, ...] = ()
 
     def columns(self, run: Run) -> Array:
         return self.together([self], run)[0]
@@ -77,6 +110,10 @@ class Relays(Basis):
             up, down, first = (np.concatenate(parts) for parts in zip(*relays_of, strict=True))
             edges = np.cumsum([len(basis.up) for basis in alike])[:-1]
             found |= zip(alike, np.hsplit(relay_states(values, up, down, first), edges), strict=True)
+        for basis in found:
+            for passage in basis.passages:
+                within = passage.within(run)
+                found[basis][within, 0] = passage.states(run)[within]
         return [found[basis] for basis in bases]
 
     @property

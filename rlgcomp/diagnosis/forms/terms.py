@@ -77,6 +77,25 @@ class Form(Hashed):
         )
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Left:
+    """What a member of a set leaves.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Its products with window means are those of whitened columns with what is left.
+    variance : float
+        Of the white noise of a window without gaps.
+    weights : tuple of ndarray
+        Of each leading basis of the member, roughly.
+    """
+
+    residual: Array
+    variance: float
+    weights: tuple[Array, ...]
+
+
 Others = Callable[[Form], Iterable[Form]]  # forms that one may become
 Joined = Callable[[Form, Form], Form | None]  # one form in place of two, where there is one
 
@@ -108,7 +127,7 @@ class Region:
     rougher : callable, optional
         A form with departures that are too many to be screened; None where it has none.
     renew : callable, optional
-        Forms linear about what weights of its first leading basis show, in place of one that is so about something else; of several
+        Forms about what is left and the weights of its leading bases show, in place of one that is about something else; of several
         kinds, each of which is followed to its own end.
     one_history : callable, optional
         A form at its prior, and forms that explain alike what was before the runs: tried in the set that predicts alone.
@@ -131,7 +150,7 @@ class Region:
     absorb: Joined | None = None
     adopt: Joined | None = None
     rougher: Callable[[Form], Form | None] | None = None
-    renew: Callable[[Form, Array], Iterable[tuple[Form, ...]]] | None = None
+    renew: Callable[[Form, Left], Iterable[tuple[Form, ...]]] | None = None
     one_history: Others | None = None
     propose: Callable[[Array], tuple[Form, ...]] | None = None
     nuisance: bool = False

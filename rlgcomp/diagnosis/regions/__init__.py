@@ -6,6 +6,7 @@ Modules, each importing only from those before it:
     loops       families of relays: hysteresis and mode hops
     baseline    the simulator, linearised in its free numbers
     selections  terms in some of the runs, amplitudes by run
+    passages    hops whose thresholds scatter
     waves       lines that a residual proposes, and smooth wanders
     thermal     families of forms of the temperature
     switch_on   families of forms of the time since switch-on

@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 
 from rlgcomp.diagnosis import priors
-from rlgcomp.diagnosis.forms.bases import Basis, Magnitude, Own, Power
+from rlgcomp.diagnosis.forms.bases import Basis, Magnitude, Own, Power, Shift, Times
 from rlgcomp.diagnosis.forms.drivers import Combination, Driver, Path
-from rlgcomp.diagnosis.forms.terms import WANDER, Family, Joined, MemoryClass, Others, Region, forms_of
+from rlgcomp.diagnosis.forms.terms import WANDER, Family, Form, Joined, Left, MemoryClass, Others, Region, forms_of
 from rlgcomp.diagnosis.regions.loops import (
     as_hops,
     as_relays,
@@ -31,7 +31,8 @@ from rlgcomp.diagnosis.regions.loops import (
     with_relays,
 )
 from rlgcomp.diagnosis.regions.monitors import monitor
-from rlgcomp.diagnosis.regions.setting import Setting
+from rlgcomp.diagnosis.regions.passages import scattering
+from rlgcomp.diagnosis.regions.setting import Setting, departures
 from rlgcomp.diagnosis.regions.switch_on import ageing, warm_up
 from rlgcomp.diagnosis.regions.thermal import gradients, lags, more_lags, rate, rate_magnitude, static
 from rlgcomp.diagnosis.regions.waves import harmonics, lines, steadied, wanders
@@ -57,6 +58,7 @@ class _Families:
     shrink: Others | None = None
     absorb: Callable[[Setting], Joined] | None = None
     adopt: Joined | None = None
+    renew: Callable[[Setting], Callable[[Form, Left], Iterator[tuple[Form, ...]]]] | None = None
 
 
 _FAMILIES: Final[Mapping[str, _Families]] = {
@@ -73,7 +75,7 @@ _FAMILIES: Final[Mapping[str, _Families]] = {
         with_relays,
         as_relays,
     ),
-    "mode_hop": _Families(hops, "rate-independent", more_hops, fewer_relays(priors.HOPS), with_hops, as_hops),
+    "mode_hop": _Families(hops, "rate-independent", more_hops, fewer_relays(priors.HOPS), with_hops, as_hops, scattering),
     "warm_up": _Families(warm_up, "none"),
     "ageing": _Families(ageing, "none"),
 }
@@ -152,6 +154,7 @@ def _of_families(setting: Setting, key: str, log_odds: float, mechanism: type[Me
             shrink=families.shrink,
             absorb=families.absorb(setting) if families.absorb else None,
             adopt=families.adopt,
+            renew=families.renew(setting) if families.renew else None,
             rougher=rougher if loops else None,
             one_history=one_history(setting.data.runs) if loops else None,
         )
@@ -161,7 +164,7 @@ def _of_monitors(setting: Setting, key: str, log_odds: float, mechanism: type[Me
     name, present = mechanism.name, key != mechanism.name
     if name in _PAIRS or (len(columns) == 1 and _is_a_line(mechanism, setting, columns[0])):
         path = Path(Driver.of(setting.data, *columns, combination=_PAIRS.get(name, "column")))
-        families = monitor(path, setting.data)
+        families = [*monitor(path, setting.data), *_following_temperature(path, setting)]
         pair = _MEASURED_BY.get(name, ())
         if pair and all(column in setting.data.columns for column in pair):
             families += monitor(Path(Driver.of(setting.data, *pair, combination="between", share=0.5)), setting.data)
@@ -169,6 +172,14 @@ def _of_monitors(setting: Setting, key: str, log_odds: float, mechanism: type[Me
     leads: list[tuple[Basis, ...]] = [(Own(point),) for point in mechanism.grid([run.binned for run in setting.data.runs])]
     smooth = tuple(Power(Path(Driver.of(setting.data, column))) for column in columns)
     return Region(key, name, log_odds, forms_of(key, [Family(mechanism.equation, leads, smooth)]), columns)
+
+
+def _following_temperature(path: Path, setting: Setting) -> list[Family]:
+    """A coefficient that follows the temperature, as those of most sensors and circuits do."""
+    if not setting.has_thermometer:
+        return []
+    leads = [(Power(path), Times(Power(path), Path(setting.temperature)))]
+    return [Family(f"b = (k + a T) ({path.driver.symbol})", leads, departures(path, setting.data), 1.0, (Shift,))]
 
 
 def _is_a_line(mechanism: type[Mechanism], setting: Setting, column: str) -> bool:

@@ -281,7 +281,13 @@ def as_relays(form: Form, other: Form) -> Form | None:
         return None
     lead = tuple(
         dataclasses.replace(
-            relay, down=(_wide_enough(relay),), narrowest=one.narrowest, widest=one.widest, low=-math.inf, high=math.inf
+            relay,
+            down=(_wide_enough(relay),),
+            narrowest=one.narrowest,
+            widest=one.widest,
+            low=-math.inf,
+            high=math.inf,
+            passages=(),
         )
         for relay in relays
     )
@@ -303,7 +309,7 @@ def with_hops(_: Setting) -> Callable[[Form, Form], Form | None]:
         hops, relays = _single_relays_of(form, one), _single_relays_of(other, one)
         if hops is None or relays is None or len(hops) + len(relays) > priors.MOST_STEPS:
             return None
-        more = (dataclasses.replace(hops[0], up=one.up, down=one.down, opposite=()) for one in relays)
+        more = (dataclasses.replace(hops[0], up=one.up, down=one.down, opposite=(), passages=()) for one in relays)
         return _as_ladder_of(form, (*hops, *more), known=len(hops))
 
     return absorb
@@ -368,7 +374,7 @@ def more_hops(_: Setting) -> Callable[[Form], Iterator[Form]]:
             return
         share = form.log_share + log_odds_of_more(len(ladder), 1, priors.HOPS)
         for level, band in itertools.product(levels, (*priors.DEAD_BANDS, *priors.WIDE_DEAD_BANDS)):
-            more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=())
+            more = dataclasses.replace(ladder[0], up=(float(level),), down=(float(level - band),), opposite=(), passages=())
             if all(_apart(more, relay) for relay in ladder):
                 for one in (more, *more.from_other_sides()):
                     yield dataclasses.replace(form, lead=_as_ladder([*ladder, one]), log_share=share)

@@ -65,7 +65,9 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, behind=False, longest_s=longest_s),) for t in times[1::2]]
             washed_out: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, longest_s=longest_s),) for t in times[1::2]]
             bent: list[tuple[Basis, ...]] = [(Smooth(Path(driver, "lag", t, longest_s=longest_s)),) for t in times[1::2]]
+            delays: list[Path] = [Path(driver, "delay", t, longest_s=longest_s) for t in times]
             families = [
+                Family(f"b = k {column}(t - delay_s)", [(Power(one),) for one in delays], kin, 0.5),
                 Family(f"b = k lag({column}, time_constant_s)", late, kin),
                 Family(f"b = f(lag({column}, time_constant_s))", bent, kin),
                 Family(f"b = k (lag({column}, time_constant_s) - {column})", washed_out, kin),

@@ -19,7 +19,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
 from rlgcomp.diagnosis.forms.bases import Basis, EachRun
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
-from rlgcomp.diagnosis.forms.terms import WANDER, Form
+from rlgcomp.diagnosis.forms.terms import WANDER, Form, Left
 from rlgcomp.diagnosis.forms.times import Following, Modulated, Overtone, Straying, Wave, Wide, mean_and_width, moments
 from rlgcomp.diagnosis.regions.selections import OnlyIn
 from rlgcomp.diagnosis.regions.setting import Setting
@@ -180,7 +180,7 @@ def harmonics(setting: Setting) -> Callable[[Form], Iterator[Form]]:
     return grow
 
 
-def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[tuple[Form, ...]]:
+def steadied(form: Form, left: Left) -> Iterator[tuple[Form, ...]]:
     """A line whose frequency wanders as one of a steady amplitude, about the courses of its phase; none of any other form.
 
     A phase that is rough and one that is smooth are of kinds of their own, for steps of the rough one would overtake the other's.
@@ -188,13 +188,12 @@ def steadied(form: Form, weights: np.ndarray[Any, Any]) -> Iterator[tuple[Form, 
     Parameters
     ----------
     form : Form
-    weights : ndarray, shape (m,)
-        Of its first leading basis, or in proportion to them.
+    left : Left
     """
     first = form.lead[0]
     if not isinstance(first, EachRun) or not isinstance(first.basis, Modulated | Straying):
         return
-    of_runs = weights.reshape(len(first.runs), -1)
+    of_runs = left.weights[0].reshape(len(first.runs), -1)
     if isinstance(first.basis, Straying):
         yield tuple(_about(form, first.runs, first.basis.renewed(of_runs), first.basis.log_prior))
         return

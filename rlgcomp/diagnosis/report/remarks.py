@@ -15,18 +15,19 @@ from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.decide import TELEGRAPH
 from rlgcomp.diagnosis.equations.findings import Cause
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
-from rlgcomp.diagnosis.forms.memories import Plays, Preisach, rest_of
+from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays, rest_of
 from rlgcomp.diagnosis.noise.errors import within
 from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
 from rlgcomp.diagnosis.regions.clocks import CLOCK
 from rlgcomp.diagnosis.regions.lateness import LATE, LATE_MONITOR, LATE_THERMOMETER
 from rlgcomp.diagnosis.regions.nuisances import RUN_BIAS
+from rlgcomp.diagnosis.regions.passages import scatter_of
 from rlgcomp.diagnosis.regions.selections import BY_RUN
 from rlgcomp.diagnosis.report.record import Record
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.report.messages import Message, message
 from rlgcomp.report.messages.consequence import by_consequence
-from rlgcomp.units import display_unit
+from rlgcomp.units import display_unit, is_thermometer
 
 _POSSIBLE: Final = 0.05  # probability that nothing is missing from which that is told beside a finding
 _RATHER_SURE: Final = 0.8  # probability that nothing is missing, below which the headline says that something may be
@@ -129,6 +130,7 @@ def remarks(record: Record) -> tuple[Message, ...]:
         *_selections(record),
         *_larger(record),
         *_rests(record),
+        *_scatters(record),
         *_baseline(record),
         *_forms(record),
         *_extrapolations(record),
@@ -315,6 +317,18 @@ def _rests(record: Record) -> Iterator[Message]:
             if rest is not None:
                 (column,), region = basis.driver.columns, member.form.region
                 yield message("diagnosis.rested", mechanism=region, column=column, value=rest, unit=display_unit(column))
+
+
+def _scatters(record: Record) -> Iterator[Message]:
+    """Hops whose thresholds differ from passage to passage."""
+    names = {cause.name for cause in record.members}
+    for member in record.after.state.members if record.verdict != "none" else ():
+        for basis in within(member.form.lead):
+            if member.form.region in names and isinstance(basis, Relays) and basis.passages:
+                offsets, column = np.concatenate(scatter_of(basis, record.after.data)), basis.driver.columns[0]
+                unit, rms = "K" if is_thermometer(column) else display_unit(column), float(np.sqrt(np.mean(offsets**2)))
+                told = {"passages": len(offsets), "rms": rms, "unit": unit}
+                yield message("diagnosis.scattered_thresholds", mechanism=member.form.region, **told)
 
 
 def _forms(record: Record) -> Iterator[Message]:

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.evidence.recent import Recent
 from rlgcomp.diagnosis.evidence.screen import Layout, Screen
 from rlgcomp.diagnosis.evidence.variants import gains
 from rlgcomp.diagnosis.forms.memories import Relays
-from rlgcomp.diagnosis.forms.terms import Form, Others, Region
+from rlgcomp.diagnosis.forms.terms import Form, Left, Others, Region
 from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
 from rlgcomp.diagnosis.noise.model import Noise
 
@@ -317,20 +317,24 @@ class Members:
         best = value, member
         if renew is None or value <= given.log_evidence + CLEAR:
             return best
-        waiting = [(kind, value) for kind in renew(member.form, self.leading_weights(member, given))]
+        waiting = [(kind, value) for kind in renew(member.form, self.left_by(member, given))]
         while waiting:
             forms, before = waiting.pop()
             found = self.likeliest(given, forms)
             if found is not None and found[0] > before + WORTH:
                 best = max(best, found, key=lambda one: one[0])
-                waiting += [(kind, found[0]) for kind in renew(found[1].form, self.leading_weights(found[1], given))]
+                waiting += [(kind, found[0]) for kind in renew(found[1].form, self.left_by(found[1], given))]
         return best
 
-    def leading_weights(self, member: Member, given: Conditional) -> Array:
-        """Of the first leading basis of a member beside a set, roughly in proportion: what they lead to is taken where likelier."""
+    def left_by(self, member: Member, given: Conditional) -> Left:
+        """What a member leaves beside a set, were it without the departures that stand in for its leading bases lying elsewhere."""
+        member = dataclasses.replace(member, form=dataclasses.replace(member.form, own=()))
         block = given.off(given.evidence.block(member))
         left = given.residual() - block @ np.linalg.solve(np.eye(block.shape[1]) + block.T @ block, block.T @ given.residual())
-        return np.asarray(self.bank.columns(member.form.lead[0]).T @ given.evidence.whitened.adjoint(left[:, None])[:, 0])
+        residual = given.evidence.whitened.adjoint(left[:, None])[:, 0]
+        scales, lead = dict(self.bank.scaled(member.form) or ()), member.form.lead
+        weights = ((member.size * scales[basis]) ** 2 * (self.bank.columns(basis).T @ residual) for basis in lead)
+        return Left(residual, float(np.mean(left**2)), tuple(weights))
 
     def _moves(self, form: Form, step: float, last: bool) -> tuple[Form, ...]:
         forms = form.nearby(step)

@@ -289,9 +289,14 @@ class States(Members):
         return found
 
     def without_wander_too(self, members: Set, noise: Noise) -> State:
-        """A set at its likeliest noise: a wander may have stood for what a richer form has, and no climb leads from it to none."""
-        noises = (noise, self.calmest(noise.errors)) if noise.wander else (noise,)
+        """A set at its likeliest noise: a wander or outliers may have stood for what a richer form has, and no climb leads from
+        them to none."""
+        outliers = noise.errors is not None and bool(noise.errors.outliers)
+        noises = (noise, self._calm_without_outliers(noise)) if noise.wander or outliers else (noise,)
         return max((self.converged(members, one) for one in noises), key=lambda state: state.log_posterior)
+
+    def _calm_without_outliers(self, noise: Noise) -> Noise:
+        return self.calmest(None if noise.errors is None else noise.errors.without_outliers)
 
     def _chosen_again(self, members: Set, k: int, noise: Noise) -> Set:
         """One member's form and size, the others held."""
@@ -312,7 +317,8 @@ class States(Members):
         white = self.calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
         region, given = self.regions[own.form.region], self.given(white, others)
-        reach = WITHIN_REACH if others else math.inf if self._may_be_of(region) else _ALONE
+        mended = region.renew is not None and region.propose is None  # which may be far ahead of what it is now
+        reach = WITHIN_REACH if others else math.inf if mended or self._may_be_of(region) else _ALONE
         if known in self._grown or state.log_posterior < self.top - reach:
             return []
         self._grown.add(known)
@@ -322,7 +328,11 @@ class States(Members):
             return []
         first = [best, *self._other_equations(region, best, given, white)]
         found = [self.polished(*one, given)[1] for one in first]
-        found += [*self._exactly(region, given, white), *self._rougher(region, given, white)]
+        found += [
+            *self._exactly(region, given, white),
+            *self._rougher(region, given, white),
+            *self._renewed(region, others, state.noise),
+        ]
         grow = region.grow
         if grow is None or not (state.noise != white or self.switches(own.form) or region.nuisance):
             return found
@@ -408,6 +418,15 @@ class States(Members):
         found = (self.polished(*self.best(given, form), given) for form in forms[:_EXACT])
         best = max(found, key=lambda one: one[0], default=None)
         return [] if best is None else [best[1]]
+
+    def _renewed(self, region: Region, others: Set, noise: Noise) -> list[Member]:
+        """The likeliest of the region's forms renewed under white noise: outliers and a loud noise stand in for what that mends."""
+        if region.renew is None or region.propose is not None:
+            return []
+        calm = self._calm_without_outliers(noise)
+        given = self.given(calm, others)
+        best = self.likeliest_of(region, given, calm)
+        return [] if best is None else [self.renewed(*self.polished(*best, given), given)[1]]
 
     def _rougher(self, region: Region, given: Conditional, noise: Noise) -> list[Member]:
         """The likeliest of the region's forms with departures too many to be screened, where departures are above the noise."""

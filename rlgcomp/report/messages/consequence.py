@@ -70,6 +70,7 @@ LIMITING: Final = frozenset(
         "diagnosis.phase_by_run",
         "diagnosis.rested",
         "diagnosis.run_lacks_column",
+        "diagnosis.scattered_thresholds",
         "diagnosis.set_uncertain",
         "diagnosis.telegraph_not_in_file",
         "diagnosis.unidentified",

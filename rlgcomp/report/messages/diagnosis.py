@@ -360,6 +360,14 @@ def phase_by_run(mechanism: str, rms: Mapping[str, float], unit: str) -> str:
     )
 
 
+def scattered_thresholds(mechanism: str, passages: int, rms: float, unit: str) -> str:
+    return (
+        f"{region_words(mechanism)} switches by {rms:.2g} {unit} (rms of {passages} passages) before or after its thresholds. What "
+        "moves them is not recorded: test runs and augmented.yaml have the mean thresholds, and may switch that much too early or "
+        "too late."
+    )
+
+
 def telegraph_not_in_file(half_step: float, dwell_s: float) -> str:
     return (
         "augmented.yaml does not hold random_telegraph: when it flips is another matter in each run. Other runs, the test runs "
