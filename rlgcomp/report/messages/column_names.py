@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from rlgcomp.units import column_unit, header_unit, is_unit, same_kind, unit_in_name
+from rlgcomp.units import column_unit, convert, header_unit, is_unit, same_kind, unit_in_name
 
 _TIME: Final = re.compile(
     r"(mess|abtast|system|log|utc|local)?\W?(time|zeit|uhrzeit|zeitstempel|temps|heure|horodatage|tiempo|hora|tempo|ora|orario|czas|tid|"
@@ -135,9 +135,12 @@ def is_like_a_gyro(name: str) -> bool:
     (True, True, True, False)
     >>> is_like_a_gyro("gyro_current_mA"), is_like_a_gyro("Gyro supply [V]"), is_like_a_gyro("RLG pressure [hPa]")
     (False, False, False)
+    >>> is_like_a_gyro("fan_speed_rpm"), is_like_a_gyro("pump [rev/min]"), is_like_a_gyro("gyro [rpm]")
+    (False, False, True)
     """
-    if _unit_of(name, "deg/h") is not None:
-        return True
+    unit = _unit_of(name, "deg/h")
+    if unit is not None:  # fans, pumps and motors turn by the minute
+        return float(convert(1.0, unit, "rev/min")) != 1.0 or _GYRO.search(name) is not None
     other = header_unit(name)[1] or column_unit(name)
     return _GYRO.search(name) is not None and (other is None or not is_unit(other) or same_kind(other, "deg/h"))
 
