@@ -45,16 +45,24 @@ def bent_with_corners(level: Array, _: Array) -> Array:
 
 def diagnosed(column: str, law: Law, size_deg_h: float = 0.03, windows: float = 4.0) -> Diagnosis:
     """Of two runs whose gyro follows a column of its own, tested on a third."""
+
+    def follow(run: rlg.Recording, level: Array) -> dict[str, Array]:
+        answer = size_deg_h * law(level, run.time_s - run.time_s[0])
+        return {column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer}
+
+    return diagnosed_with(follow, column, windows=windows)
+
+
+def diagnosed_with(columns: Callable[[rlg.Recording, Array], dict[str, Array]], *kept: str, windows: float = 4.0) -> Diagnosis:
+    """The same of runs with columns made of a run and of a smooth random course."""
     noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
     simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
     runs = []
     for k, programme in enumerate(PROGRAMMES):
         run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
         drawn = gaussian_filter1d(np.random.default_rng(50 + k).standard_normal(len(run)), 60.0)
-        level = drawn / np.std(drawn)
-        answer = size_deg_h * law(level, run.time_s - run.time_s[0])
-        table = run.table.assign(**{column: 40.0 + 8.0 * level, "gyro_deg_h": run.rate_deg_h() + answer})
-        runs.append(few_monitors(run.replace(table=table, truth=None), column))
+        table = run.table.assign(**columns(run, drawn / np.std(drawn)))
+        runs.append(few_monitors(run.replace(table=table, truth=None), *kept))
     fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
     return diagnose(fitted, runs[::2], runs[1:2], window_s=windows * Grid.of(runs).window_s, black_box=False, **FEWER)
 
@@ -197,18 +205,12 @@ def test_what_a_monitor_did_some_time_before_is_a_law_of_it() -> None:
 
 def test_a_sensitivity_that_follows_the_temperature_is_still_that_of_the_monitor() -> None:
     """As of most sensors and circuits; it is neither a law of two columns nor a second cause."""
-    noise = {"angle_random_walk_deg_sqrt_h": 5e-4}
-    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"], "noise": noise})
-    runs = []
-    for k, programme in enumerate(PROGRAMMES):
-        run = simulator.simulate(programme, seed=k, step_s=10.0, name=f"run{k}")
-        drawn = gaussian_filter1d(np.random.default_rng(50 + k).standard_normal(len(run)), 60.0)
-        level = drawn / np.std(drawn)
+
+    def follow(run: rlg.Recording, level: Array) -> dict[str, Array]:
         answer = 0.02 * level * (1.0 + 0.05 * (run.column("temperature_block_degC") - 20.0))
-        table = run.table.assign(supply_voltage_V=28.0 + 0.1 * level, gyro_deg_h=run.rate_deg_h() + answer)
-        runs.append(few_monitors(run.replace(table=table, truth=None)))
-    fitted = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": [{"thermal_polynomial": {"degree": 3}}]})
-    found = diagnose(fitted, runs[::2], runs[1:2], window_s=4.0 * Grid.of(runs).window_s, black_box=False, **FEWER)
+        return {"supply_voltage_V": 28.0 + 0.1 * level, "gyro_deg_h": run.rate_deg_h() + answer}
+
+    found = diagnosed_with(follow)
     assert [cause.name for cause in found.causes] == ["supply_voltage"]
     assert found.verdict == "explained"
     assert found.causes[0].equation == "b = (k + a T) (supply_voltage_V)"

@@ -248,11 +248,12 @@ def test_mechanisms_without_a_causal_form_are_named(runs: list[rlg.Recording]) -
             ThermalPolynomial(),
             RandomTelegraph(),
             TabulatedLaw(cause="spikes", driver=T, memory="none", knots=(0.0, 9.0), weights=(0.0, 1.0), change="glitch"),
+            TabulatedLaw(cause="coolant", driver=T, memory="delay", time_s=60.0, knots=(0.0, 9.0), weights=(0.0, 1.0)),
         )
     )
     model = rlg.Compensator(features="temperature", physics=simulator).fit(runs[:2])
     left_out = [remark.data for remark in model.remarks_ if remark.code == "compensation.physics_left_out"]
-    assert [data["mechanism"] for data in left_out] == ["random_telegraph", "spikes"]
+    assert [data["mechanism"] for data in left_out] == ["random_telegraph", "spikes", "coolant"]
 
 
 @pytest.mark.parametrize(

@@ -156,6 +156,11 @@ class Region:
     nuisance: bool = False
     finer: tuple[Form, ...] = ()
 
+    @property
+    def renews_listed(self) -> bool:
+        """Whether forms that are listed are renewed; lines are renewed where they are proposed."""
+        return self.renew is not None and self.propose is None
+
 
 @dataclasses.dataclass(frozen=True)
 class Family:

@@ -317,8 +317,8 @@ class States(Members):
         white = self.calmest(state.noise.errors)
         known = frozenset(member.form.region for member in others), own.form.region, white.errors
         region, given = self.regions[own.form.region], self.given(white, others)
-        mended = region.renew is not None and region.propose is None  # which may be far ahead of what it is now
-        reach = WITHIN_REACH if others else math.inf if mended or self._may_be_of(region) else _ALONE
+        far = region.renews_listed or self._may_be_of(region)  # what it may become is far ahead of what it is now
+        reach = WITHIN_REACH if others else math.inf if far else _ALONE
         if known in self._grown or state.log_posterior < self.top - reach:
             return []
         self._grown.add(known)
@@ -421,7 +421,7 @@ class States(Members):
 
     def _renewed(self, region: Region, others: Set, noise: Noise) -> list[Member]:
         """The likeliest of the region's forms renewed under white noise: outliers and a loud noise stand in for what that mends."""
-        if region.renew is None or region.propose is not None:
+        if not region.renews_listed:
             return []
         calm = self._calm_without_outliers(noise)
         given = self.given(calm, others)
