@@ -148,6 +148,7 @@ def compensate_stream(
         notify(remark)
     rows, stream, written = 0, None, None
     head: list[str] = []
+    closing = contextlib.ExitStack()
 
     def begin(dialect: Dialect, lines: Sequence[str]) -> tuple[StreamCompensator, GrowingOutput]:
         stream = StreamCompensator(
@@ -163,11 +164,12 @@ def compensate_stream(
         if lines:
             stream.begin(dialect, lines)
         written = GrowingOutput(out, ",".join(stream.columns), sys.stdout)
+        closing.callback(written.close)
         if writes_sidecar:
             write_sidecar(out, metadata.to_mapping())
         return stream, written
 
-    with interruption() as interrupted, GrowingInput(source, interrupted, idle_s) as batches:
+    with interruption() as interrupted, GrowingInput(source, interrupted, idle_s) as batches, closing:
         for batch in batches:
             lines = batch
             if stream is None or written is None or not stream.begun:
@@ -180,10 +182,7 @@ def compensate_stream(
                 if not lines or stream is None or written is None:
                     continue
                 if not stream.begun:
-                    with contextlib.ExitStack() as closing:
-                        closing.callback(written.close)
-                        stream.begin(dialect, lines)
-                        closing.pop_all()
+                    stream.begin(dialect, lines)
                 for finding in (*dialect.findings, *stream.by_name):
                     notify(finding.message)
             rows += written.add(to_lines(stream.feed(lines)))
