@@ -115,13 +115,17 @@ class Bank:
 
     def scaled(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         """The bases of a form and their scales: what the baseline cannot absorb has a mean square of one; None where it has all."""
-        if form not in self._scaled:
-            try:
-                self._scaled[form] = self._scale(form)
-            except KeyError:  # its bases are met for the first time
-                self.prepare([form])
-                self._scaled[form] = self._scale(form)
-        return self._scaled[form]
+        try:
+            return self._scaled[form]
+        except KeyError:
+            pass
+        try:
+            found = self._scale(form)
+        except KeyError:  # its bases are met for the first time
+            self.prepare([form])
+            found = self._scale(form)
+        self._scaled[form] = found
+        return found
 
     def reduced(self, basis: Basis) -> Array:
         """Window means of a basis less what the baseline absorbs under white noise, in fewer columns of the same covariance."""
@@ -136,9 +140,11 @@ class Bank:
 
     def width(self, basis: Basis) -> int:
         """Number of its reduced columns."""
-        if basis not in self._widths:
+        width = self._widths.get(basis)
+        if width is None:
             self.reduced(basis)
-        return self._widths[basis]
+            width = self._widths[basis]
+        return width
 
     def side_by_side(self, bases: Sequence[Basis]) -> Array:
         """Reduced columns of bases in one table, of which those that are held become parts."""

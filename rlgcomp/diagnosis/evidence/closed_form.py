@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
 from typing import Final
@@ -97,7 +98,11 @@ class Evidence:
     def columns(self, parts: Scaled) -> Array:
         """Columns of bases side by side, each times its scale, shape (n, m)."""
         tables = self.projected(basis for basis, _ in parts)
-        return np.hstack([np.empty((len(self.output), 0)), *(scale * one for (_, scale), one in zip(parts, tables, strict=True))])
+        edges = list(itertools.accumulate((one.shape[1] for one in tables), initial=0))
+        found = np.empty((len(self.output), edges[-1]))
+        for (_, scale), one, a, b in zip(parts, tables, edges[:-1], edges[1:], strict=True):
+            np.multiply(one, scale, out=found[:, a:b])
+        return found
 
     def prediction(self, members: Set) -> tuple[Prediction, Conditional] | None:
         """The baseline and a set fitted under this noise, late terms left out, and the evidence; None without a baseline."""

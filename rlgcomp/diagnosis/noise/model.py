@@ -56,7 +56,7 @@ class Noise:
     @property
     def of_gyro(self) -> Noise:
         """Without errors of drivers."""
-        return dataclasses.replace(self, errors=None)
+        return self if self.errors is None else dataclasses.replace(self, errors=None)
 
     def of_runs(self, count: int) -> Noise:
         """The same for the first runs of so many."""
