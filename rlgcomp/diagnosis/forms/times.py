@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import Final, Literal, Self
@@ -296,7 +297,16 @@ def _course(phase: Array, knots: int, smooth: float) -> Array:
 
 def _course_columns(knots: int, time: Array, smooth: float) -> Array:
     """One, and a Gaussian process of the time in a run, which is -1 to 1, with so many knots in its correlation length."""
-    return np.column_stack([np.ones(len(time)), gaussian_process(time, 2.0 * smooth / knots, knots)])
+    return _columns_at(knots, np.asarray(time, np.float64).tobytes(), smooth)
+
+
+@functools.lru_cache(maxsize=16)
+def _columns_at(knots: int, times: bytes, smooth: float) -> Array:
+    """Those of times as they lie in memory: they are the same for all waves that are tried on a run."""
+    time = np.frombuffer(times)
+    found = np.column_stack([np.ones(len(time)), gaussian_process(time, 2.0 * smooth / knots, knots)])
+    found.flags.writeable = False
+    return found
 
 
 @dataclasses.dataclass(frozen=True)
