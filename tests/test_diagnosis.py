@@ -9,8 +9,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import pytest
+from scipy import signal
 from scipy.stats import norm
 
 from rlgcomp.diagnosis import priors
@@ -25,7 +27,7 @@ from rlgcomp.diagnosis.forms.bases import Basis, Power, Product, Smooth
 from rlgcomp.diagnosis.forms.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays, relays
 from rlgcomp.diagnosis.forms.terms import Form
-from rlgcomp.diagnosis.noise.model import Noise, Whitened, relaxation
+from rlgcomp.diagnosis.noise.model import Noise, Whitened, relaxation, smooth_relaxation
 from rlgcomp.diagnosis.regions.baseline import Baseline
 from rlgcomp.diagnosis.regions.setting import Setting
 from rlgcomp.diagnosis.search.process import Process, slow_columns
@@ -34,6 +36,8 @@ from rlgcomp.diagnosis.search.telegraph import telegraph, two_state
 from rlgcomp.recording import Recording
 from rlgcomp.simulation.simulator import Simulator
 from tests.few_monitors import FEWER, few_monitors
+
+Array = npt.NDArray[np.float64]
 
 PROGRAMMES = (
     "start 20, hold 40, ramp -30 1, hold 60, ramp 50 1.2, hold 40, ramp 10 0.8, hold 40, ramp 35 1, hold 30",
@@ -195,12 +199,28 @@ def test_a_lag_approaches_a_step() -> None:
     assert (ramp - lagged(ramp, 1.0, 5.0))[-1] == pytest.approx(5.0)
 
 
-def test_relaxation_is_averaged_over_windows() -> None:
-    windows, fine = 3.0, 200
+@pytest.mark.parametrize(
+    ("averaged", "correlation"), [(relaxation, lambda u: np.exp(-u)), (smooth_relaxation, lambda u: (1.0 + u) * np.exp(-u))]
+)
+@pytest.mark.parametrize("windows", [1.0, 3.0, 40.0])
+def test_relaxation_is_averaged_over_windows(
+    averaged: Callable[[int, float], Array], correlation: Callable[[Array], Array], windows: float
+) -> None:
+    fine = 200
     lags = np.arange(4 * fine) / fine
-    exact = np.exp(-np.abs(lags[:, None] - lags) / windows)
+    exact = correlation(np.abs(lags[:, None] - lags) / windows)
     means = exact.reshape(4, fine, 4, fine).mean(axis=(1, 3))
-    assert relaxation(4, windows) == pytest.approx(means[0], rel=1e-3)
+    assert averaged(4, windows) == pytest.approx(means[0], rel=1e-3)
+
+
+def test_what_has_passed_through_two_relaxations_wanders_smoothly() -> None:
+    """Autocorrelation of noise behind two first-order lags, of samples."""
+    time, steps = 20.0, 400_000
+    pole = np.exp(-1.0 / time)
+    white = np.random.default_rng(1).standard_normal(steps)
+    slow = signal.lfilter([1.0], [1.0, -2.0 * pole, pole**2], white)[2000:]
+    found = [float(np.mean(slow[k:] * slow[: len(slow) - k])) for k in (0, 10, 20, 40)]
+    assert np.array(found) / found[0] == pytest.approx(smooth_relaxation(41, time)[[0, 10, 20, 40]], abs=0.03)
 
 
 def test_a_form_of_which_departures_hold_nearly_all_is_charged_for_it(data: Data) -> None:

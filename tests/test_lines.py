@@ -12,9 +12,12 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 import rlgcomp as rlg
-from rlgcomp.diagnosis.data import Grid, Run
+from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
-from rlgcomp.diagnosis.forms.times import Straying, Wave
+from rlgcomp.diagnosis.forms.bases import EachRun
+from rlgcomp.diagnosis.forms.terms import Form
+from rlgcomp.diagnosis.forms.times import Modulated, Straying, Wave
+from rlgcomp.diagnosis.regions.waves import as_wander
 from tests.few_monitors import few_monitors
 
 Array = npt.NDArray[np.float64]
@@ -129,6 +132,40 @@ def test_what_keeps_its_phase_for_less_than_a_cycle_is_no_line(
     diagnosis.save(tmp_path)
     diagnosis.report(tmp_path / "report.html")
     assert "periodic_interference" not in diagnosis.messages[0].text
+
+
+def test_a_smooth_course_that_nobody_recorded_is_no_mechanism() -> None:
+    """Two or three turns in each of two runs: a loop or a lag of the temperature makes up for them beside noise that is rough."""
+
+    def course(run: rlg.Recording, k: int) -> Array:
+        drawn = np.random.default_rng([2680, k]).standard_normal(len(run) + 2000)
+        slow = gaussian_filter1d(drawn, 268.0)[1000:-1000]
+        return np.asarray(0.015 * slow / np.std(slow))
+
+    diagnosis = diagnosed(course)
+    assert diagnosis.verdict == "unknown"
+    assert diagnosis.decision.wander
+    assert not diagnosis.causes
+
+
+@pytest.mark.parametrize("cycles", [4, 60])
+def test_a_steady_amplitude_is_seen_in_many_pieces_alone(cycles: int) -> None:
+    """Phases that stray as fast, over the frequency: chance explains a steady amplitude of four cycles a run, and not of sixty."""
+    simulator = rlg.Simulator.from_mapping({"kind": "chamber", "mechanisms": ["thermal_polynomial"]})
+    runs = [simulator.simulate(PROGRAMMES[k], seed=k, step_s=10.0, name=f"run{k}") for k in (0, 1)]
+    grid = Grid.of(runs)
+    data = Data(tuple(Run.of(run, grid, lambda binned: binned.rate_deg_h()) for run in runs))
+    knots = 4 * cycles
+    wave = Modulated(Wave(cycles / data.longest_s, 0.1 / data.longest_s), knots)
+    table = np.array([wave.envelope(one) for one in np.eye(2 * knots)]).T
+    turns = np.linspace(0.0, 1.0, len(table))
+    weights = []
+    for k in range(2):
+        phase = 0.28 * cycles / 1.5 * np.sin(2.0 * np.pi * (1.5 * turns + 0.3 * k))  # a frequency of a standard deviation of 0.2
+        both = np.vstack([table.real, table.imag])
+        weights.append(np.linalg.lstsq(both, np.r_[np.cos(phase), np.sin(phase)], rcond=1e-9)[0])
+    form = Form("periodic_interference", "", (EachRun(wave, tuple(run.name for run in runs)),))
+    assert (as_wander(form, np.concatenate(weights), data) is None) == (cycles == 60)
 
 
 def test_a_straying_wave_is_linear_in_the_course_of_its_phase() -> None:

@@ -185,7 +185,7 @@ def _without(best: State, posterior: Posterior) -> State:
         return State((), Noise(encoder=best.noise.encoder), 0.0)
     if not best.members:
         return _null(posterior)
-    return State((), dataclasses.replace(best.noise, errors=None, wander=0.0), 0.0)
+    return State((), best.noise.of_gyro.without_wander, 0.0)
 
 
 def _best(posterior: Posterior, decision: Decision) -> State:

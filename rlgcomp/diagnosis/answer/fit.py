@@ -133,7 +133,7 @@ class Fit:
     @property
     def noise_rms(self) -> float:
         """Root mean square of the noise of window means about the mean of their run; a wander of something unrecorded is none."""
-        noise, total, count = dataclasses.replace(self.state.noise, wander=0.0), 0.0, 0
+        noise, total, count = self.state.noise.without_wander, 0.0, 0
         for run, all_rows in zip(self.data.runs, noise.covariances(self.data), strict=True):
             covariance = all_rows[: len(run.windows), : len(run.windows)]
             total += float(np.trace(covariance) - covariance.mean() * len(covariance))

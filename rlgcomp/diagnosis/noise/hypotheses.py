@@ -60,9 +60,11 @@ class Hypotheses:
         total = sum(found.values()) / (1.0 - priors.WANDER_ODDS)
         usual = max(found, key=lambda noise: found[noise]) if self.stated else Noise()
         found = {noise: share / total for noise, share in found.items()}
-        for (size, share), time in itertools.product(self.wanders.items(), priors.WANDER_TIMES):
-            wandering = dataclasses.replace(usual, wander=size, wander_time=time)
-            found[wandering] = priors.WANDER_ODDS * share / len(priors.WANDER_TIMES)
+        for (size, share), (smooth, times) in itertools.product(self.wanders.items(), priors.WANDER_TIMES_BY_SMOOTHNESS.items()):
+            of_kind = priors.SMOOTH_WANDERS if smooth else 1.0 - priors.SMOOTH_WANDERS
+            for time in times:
+                wandering = dataclasses.replace(usual, wander=size, wander_time=time, smooth=smooth)
+                found[wandering] = priors.WANDER_ODDS * share * of_kind / len(times)
         return {
             dataclasses.replace(noise, encoder=size): math.log(share * part)
             for (noise, share), (size, part) in itertools.product(found.items(), self.encoders.items())
@@ -83,14 +85,14 @@ class Hypotheses:
     @property
     def wander_starts(self) -> tuple[Noise, ...]:
         """The same with a wander."""
-        listed = [noise for noise in self.log_prior() if noise.wander == _USUAL_WANDER]
-        return tuple(listed[1::2])
+        times = priors.WANDER_TIMES[1::2]
+        return tuple(noise for noise in self.log_prior() if noise.wander == _USUAL_WANDER and noise.wander_time in times)
 
     def neighbours(self, noise: Noise) -> tuple[Noise, ...]:
         """Hypotheses next to one on the grid."""
-        axes: tuple[tuple[str, tuple[float, ...]], ...] = (("flicker", tuple(self.flickers)), ("walk", tuple(self.walks)))
+        axes: tuple[tuple[str, tuple[float | bool, ...]], ...] = (("flicker", tuple(self.flickers)), ("walk", tuple(self.walks)))
         if noise.wander:
-            axes = (("wander", tuple(self.wanders)), ("wander_time", priors.WANDER_TIMES))
+            axes = (("wander", tuple(self.wanders)), ("wander_time", priors.WANDER_TIMES), ("smooth", (False, True)))
         axes = (*axes, ("encoder", tuple(self.encoders)))
         found = []
         for name, values in axes:

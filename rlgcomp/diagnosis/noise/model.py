@@ -1,10 +1,12 @@
 r"""Hypotheses of the noise of window means, relative to their white part, and the whitening of columns under each.
 
-.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 e^{-|t - t'| / \tau} + E
+.. math:: N = \mathrm{diag}(v) + \phi^2 F + \omega^2 \min(t, t') / T + a^2 M(|t - t'| / \tau) + E
 
 with F a sum of relaxations whose spectra add up to 1/f (A. van der Ziel, Physica 16, 359 (1950)), each averaged over windows
-exactly, T the length of the longest run, and E the errors of drivers (:mod:`rlgcomp.diagnosis.noise.errors`). Runs are
-independent. Windows are few, so each run has a Cholesky factor.
+exactly, T the length of the longest run, and E the errors of drivers (:mod:`rlgcomp.diagnosis.noise.errors`). What wanders has the
+correlation :math:`M(u) = e^{-u}`, or where it is smooth, as what has passed through one more relaxation is,
+:math:`M(u) = (1 + u) e^{-u}` (Matérn, of order 1/2 and 3/2: C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine
+Learning, MIT Press, 2006, section 4.2). Runs are independent. Windows are few, so each run has a Cholesky factor.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from rlgcomp.diagnosis.noise.errors import Errors
 Array = npt.NDArray[np.float64]
 _RATIO: Final = 5.0  # between the time constants of the relaxations
 _RELAXATIONS: Final = 6
+_NODES: Final = 6  # of a quadrature over a window
 _MANY: Final = 32  # columns, from which on a product leaves out the zeros of a triangle
 
 
@@ -40,6 +43,8 @@ class Noise:
         Standard deviation of what wanders unrecorded.
     wander_time : float
         Its correlation time over the length of the longest run.
+    smooth : bool
+        Whether it has a rate of change.
     encoder : float
         Noise of one reading of a table's angle, per sample, over the white noise of a sample.
     errors : Errors, optional
@@ -50,8 +55,14 @@ class Noise:
     walk: float = 0.0
     wander: float = 0.0
     wander_time: float = 0.1
+    smooth: bool = False
     encoder: float = 0.0
     errors: Errors | None = None
+
+    @property
+    def without_wander(self) -> Noise:
+        """The same of what does not wander."""
+        return dataclasses.replace(self, wander=0.0, wander_time=Noise.wander_time, smooth=False)
 
     @property
     def of_gyro(self) -> Noise:
@@ -100,7 +111,8 @@ class Noise:
             for k in range(_RELAXATIONS):
                 by_lag += each * relaxation(len(by_lag), _RATIO**k)
         if self.wander:
-            by_lag += self.wander**2 * relaxation(len(by_lag), self.wander_time * length)
+            correlation = smooth_relaxation if self.smooth else relaxation
+            by_lag += self.wander**2 * correlation(len(by_lag), self.wander_time * length)
         total = by_lag[apart] + np.diag(white)
         if self.walk:
             middles = places + 0.5
@@ -114,6 +126,18 @@ def relaxation(lags: int, windows: float) -> Array:
     found = decay**2 * np.exp(-(np.arange(lags) - 1.0) / windows)
     found[0] = 2.0 * windows * (1.0 - decay)
     return np.asarray(found)
+
+
+def smooth_relaxation(lags: int, windows: float) -> Array:
+    """The same of a process with correlation (1 + t / windows) exp(-t / windows): two relaxations one after the other.
+
+    The mean over two windows is that over the difference of two times, of triangular density.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    apart = 0.5 * (nodes + 1.0)  # of a half of the triangle
+    of_half = 0.5 * weights * (1.0 - apart)
+    times = np.abs(np.arange(lags)[:, None] + np.concatenate([apart, -apart])) / windows
+    return np.asarray(((1.0 + times) * np.exp(-times)) @ np.tile(of_half, 2))
 
 
 class Whitened:

@@ -35,7 +35,7 @@ _WIDTH: Final = math.sqrt(2.0 * math.log(2.0)) / math.pi  # cycles a run and kno
 _QUALITY: Final = 1.0  # of a line, its frequency over that width, at least: what has less wanders
 _FORGETFUL: Final = 0.1  # standard deviation of its spectrum over its frequency: its phase is forgotten within two cycles
 _NO_PERIOD: Final = 0.35  # the same of what has none, steady as its amplitude may be: it is forgotten within half a cycle
-_UNSTEADY: Final = 1.4  # mean square of its power over the square of the mean: one of a steady amplitude, two of Gaussian noise
+_BY_CHANCE: Final = 3.3  # of Gaussian noise one in twenty has an amplitude as steady: 1.64 standard deviations, each 2 / sqrt(n)
 _WANDERING: Final = "b = wave of a frequency that wanders about frequency_hz"
 _STRAYING: Final = "b = wave of a steady amplitude, whose frequency wanders about frequency_hz"
 _WANDER: Final = "b = smooth function of the time in each run"
@@ -233,8 +233,9 @@ def strays(form: Form) -> Modulated | Straying | None:
 def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | None:
     """A line that is none, as what wanders unrecorded: its phase is soon forgotten, and its amplitude is not steady; else None.
 
-    A source of a period has an amplitude, were its phase to stray; of what is random both come and go together. What forgets its
-    phase within half a cycle has no period, whatever its amplitude.
+    A source of a period has an amplitude, were its phase to stray; of what is random both come and go together, and the mean square
+    of its power is twice the square of the mean, as far as n independent pieces show it. What forgets its phase within half a cycle
+    has no period, whatever its amplitude.
 
     Parameters
     ----------
@@ -251,7 +252,9 @@ def as_wander(form: Form, weights: np.ndarray[Any, Any], data: Data) -> Form | N
     mean, width = mean_and_width(np.array([moments(envelope, float(run.elapsed_s[-1])) for run, envelope in known]))
     share = width / (wave.wave.frequency_hz + mean)
     power = np.abs([envelope for _, envelope in known]) ** 2
-    steady = isinstance(wave, Straying) or np.mean(power**2) < _UNSTEADY * np.mean(power) ** 2
+    pieces = sum(max(1.0, float(2.0 * math.sqrt(math.pi) * width * run.elapsed_s[-1])) for run, _ in known)
+    least = 2.0 - _BY_CHANCE / math.sqrt(pieces)
+    steady = isinstance(wave, Straying) or bool(np.mean(power**2) < least * np.mean(power) ** 2)
     if share < (_NO_PERIOD if steady else _FORGETFUL):
         return None
     wide = first if isinstance(wave, Straying) else EachRun(Wide(wave.wave, wave.knots), first.runs)

@@ -212,7 +212,7 @@ class Search(Sharpening):
         """The likeliest set without some of its members, beside the errors of its drivers, chosen again if it is near."""
         members = tuple(member for member in best.members if member not in dropped)
         found = best
-        for noise in dict.fromkeys((best.noise, dataclasses.replace(best.noise, wander=0.0, wander_time=Noise.wander_time))):
+        for noise in dict.fromkeys((best.noise, best.noise.without_wander)):
             known = self.visited.get(State(members, noise, 0.0).key)
             found = self.converged(members, noise)
             if (known is None or self._ahead(found, known)) and found.log_posterior > best.log_posterior - _WITHIN:
