@@ -26,8 +26,8 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.answer.fit import Estimate, Fit
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.equations.stated import all_names, are_decays, number_of, ranks, together
-from rlgcomp.diagnosis.forms.bases import Basis, Own, Smooth, Times
-from rlgcomp.diagnosis.forms.memories import Relays
+from rlgcomp.diagnosis.forms.bases import Basis, EachRun, Own, Smooth, Times
+from rlgcomp.diagnosis.forms.memories import Relays, Undecided
 from rlgcomp.diagnosis.regions.passages import scatter_of
 from rlgcomp.diagnosis.regions.selections import by_run, in_all_runs, runs_of
 from rlgcomp.diagnosis.regions.turntable import RatePower
@@ -68,9 +68,19 @@ class _Nearest(NamedTuple):
     columns: Array
 
 
-def _nearest(fit: Fit, k: int, columns: Array) -> _Nearest:
-    """Coefficients of window means of columns, shape (n, e), with which they come nearest to the k-th member."""
-    covariance = fit.covariance(k)
+def _nearest(fit: Fit, k: int, columns: Array, beside: Array | None = None) -> _Nearest:
+    """Coefficients of window means of columns with which they come nearest to the k-th member.
+
+    Parameters
+    ----------
+    fit : Fit
+    k : int
+    columns : ndarray, shape (n, e)
+    beside : ndarray, shape (n, h), optional
+        Columns of the member that are no part of the equation, as of what was before a run.
+    """
+    e, covariance = columns.shape[1], fit.covariance(k)
+    columns = columns if beside is None else np.hstack([columns, beside])
     projected = fit.projected(np.hstack([columns, *(scale * fit.bank.columns(basis) for basis, scale in fit.parts[k][1])]))
     if runs := runs_of(fit.parts[k][0].form):  # the constant of some runs is not the baseline's
         constant = fit.projected(fit.data.means(lambda run: np.full((run.bins, 1), float(run.name in runs))))
@@ -85,7 +95,17 @@ def _nearest(fit: Fit, k: int, columns: Array) -> _Nearest:
     misfit = math.sqrt(max(float(np.mean((function - equation @ values) ** 2)) - _CHANCE * by_chance, 0.0))
     limit = max(_SAME * fit.white, priors.DISCREPANCY * float(np.sqrt(np.mean(function**2))))
     most = misfit * math.sqrt(len(rest)) * np.linalg.norm(inverse, axis=1)
-    return _Nearest(values, of_weights @ covariance @ of_weights.T, most, misfit <= limit, limit, equation)
+    errors = of_weights @ covariance @ of_weights.T
+    return _Nearest(values[:e], errors[:e, :e], most[:e], misfit <= limit, limit, equation[:, :e])
+
+
+def _of_history(basis: Basis) -> bool:
+    """Whether a leading basis is of what was before the runs."""
+    return isinstance(basis, EachRun) and isinstance(basis.basis, Undecided)
+
+
+def _columns_of(bases: Sequence[Basis]) -> Callable[[Run], Array]:
+    return lambda run: np.hstack([np.empty((run.bins, 0)), *(basis.columns(run) for basis in bases)])
 
 
 def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
@@ -96,10 +116,11 @@ def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str
     member, bases = fit.parts[k]
     if bases and not by_run(member.form) and (orders := together(member.form.lead)) is not None:
         return _of_each_order(fit, k, orders)
-    if not bases or len(member.form.lead) != 1 or by_run(member.form) or not member.form.lead[0].of_mechanism:
+    lead, *histories = member.form.lead or (None,)
+    of_equation = lead is not None and lead.of_mechanism and all(_of_history(basis) for basis in histories)
+    if not bases or lead is None or not of_equation or by_run(member.form):
         return {}, ()
-    (lead,) = member.form.lead
-    found = _nearest(fit, k, fit.bank.columns(lead))
+    found = _nearest(fit, k, fit.bank.columns(lead), fit.data.means(_columns_of(histories)))
     if not found.holds:
         return {}, tuple(p.name for p in mechanism().amplitude_parameters()[:1] if found.columns.shape[1] == 1)
     shapes = {
@@ -138,18 +159,19 @@ def _error_of_shape(fit: Fit, k: int, name: str, value: float) -> float:
 def _own_names(
     fit: Fit, k: int, found: _Nearest, mechanism: type[Mechanism], shapes: Mapping[str, float]
 ) -> tuple[tuple[str, ...], Array] | None:
-    """Amplitudes of a mechanism, and the matrix that makes them of coefficients of the leading basis; None where none does."""
-    (lead,) = fit.state.members[k].form.lead
+    """Amplitudes of a mechanism, and the matrix that makes them of coefficients of the leading basis; None where none does.
+
+    The choice of its settings that is the leading basis itself comes before those that are nearly so, which have other equations.
+    """
+    lead = fit.state.members[k].form.lead[0]
     inner = in_all_runs(lead)
     if isinstance(inner, Own):
         names = tuple(p.name for p in inner.mechanism.amplitude_parameters())
         return names, np.eye(len(names))
     wanted = found.columns @ found.values
-    best: tuple[float, tuple[str, ...], Array] | None = None
+    best: tuple[tuple[bool, int, float], tuple[str, ...], Array] | None = None
     for point in _points(mechanism, shapes):
         names = tuple(p.name for p in point.amplitude_parameters())
-        if best is not None and len(names) > len(best[1]):
-            break
         columns = fit.data.means(_basis_of(point, runs_of(fit.state.members[k].form)))
         projected = fit.projected(columns)
         there = np.linalg.norm(projected, axis=0) > _ABSORBED * np.linalg.norm(columns, axis=0)
@@ -158,8 +180,9 @@ def _own_names(
         off = float(np.sqrt(np.mean((wanted - parts.sum(axis=1)) ** 2)))
         takes_part = np.linalg.norm(parts, axis=0) > _ABSORBED * np.linalg.norm(wanted)  # others are no part of the leading basis
         there[there], change = takes_part, change[takes_part]
-        if there.any() and off <= found.limit and (best is None or off < best[0]):
-            best = off, tuple(itertools.compress(names, there)), change
+        rank = off > _ABSORBED * float(np.sqrt(np.mean(wanted**2))), len(names), off
+        if there.any() and off <= found.limit and (best is None or rank < best[0]):
+            best = rank, tuple(itertools.compress(names, there)), change
     if best is not None:
         return best[1:]
     amplitudes = [p.name for p in mechanism.parameters() if p.role == "amplitude"]
@@ -187,14 +210,13 @@ def _of_orders(
 
 
 def _points(mechanism: type[Mechanism], shapes: Mapping[str, float]) -> list[Mechanism]:
-    """The mechanism with these shapes and each choice of its settings, those of few amplitudes first; all its shapes are needed."""
+    """The mechanism with these shapes and each choice of its settings; all its shapes are needed."""
     choices, whole = settings_of(mechanism), [p for p in mechanism.parameters() if p.whole]
     choices |= {p.name: tuple(range(int(p.low), int(p.high) + 1)) for p in whole if p.high - p.low < 10}
     choices |= {p.name: (round(shapes[p.name]),) for p in whole if p.name in shapes}
     shapes = {name: value for name, value in shapes.items() if name not in choices}
     points = points_of(mechanism, choices | {name: (value,) for name, value in shapes.items()})
-    points = [one for one in points if {p.name for p in one.shape_parameters()} <= set(shapes)]
-    return sorted(points, key=lambda point: len(point.amplitude_parameters()))
+    return [one for one in points if {p.name for p in one.shape_parameters()} <= set(shapes)]
 
 
 def settings_of(mechanism: type[Mechanism]) -> dict[str, tuple[Any, ...]]:
@@ -219,9 +241,9 @@ def _basis_of(point: Mechanism, runs: Sequence[str]) -> Callable[[Run], Array]:
 def _of_shapes(fit: Fit, k: int, values: Array, sds: Sequence[Mapping[str, float]], *, own_units: bool) -> Array:
     """Covariance that errors of the shapes of leading bases bring into their coefficients, shape (e, e).
 
-    `sds` are of the shapes of each leading basis; with `own_units` coefficients are by the units of the drivers.
+    `sds` are of the shapes of each of the first leading bases; with `own_units` coefficients are by the units of the drivers.
     """
-    lead = fit.state.members[k].form.lead
+    lead = fit.state.members[k].form.lead[: len(sds)]
 
     def columns(bases: Sequence[Basis]) -> Array:
         return np.hstack([fit.data.means(basis.columns) / (basis.per_unit() if own_units else 1.0) for basis in bases])
