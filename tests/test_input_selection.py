@@ -148,7 +148,7 @@ def test_a_second_monitor_of_a_kind_is_not_asked_about() -> None:
     assert not nearly_standard([run(temperature, 1, supply_voltage_V=wave, supply_voltage_2_V=wave)])
 
 
-@pytest.mark.parametrize("column", ["GyroY_dps", "rate [deg/s]", "filtered"])
+@pytest.mark.parametrize("column", ["GyroY_dps", "rate [deg/s]", "filtered", "PULSES_B", "CNT_B", "rate2", "Impulse 2"])
 def test_another_gyro_or_a_copy_of_the_gyro_is_no_input(column: str) -> None:
     """A model that reads either subtracts the rotation, and is praised for it by runs in which nothing turns."""
     runs = [run(cycle(20.0, 50.0, 3.0), seed) for seed in (1, 2)]
@@ -171,3 +171,27 @@ def test_what_is_measured_at_a_gyro_is_a_monitor() -> None:
     one = run(cycle(20.0, 50.0, 3.0), 1)
     one = one.replace(table=one.table.assign(gyro_current_mA=np.random.default_rng(0).standard_normal(len(one))))
     assert further_monitors([one], "all", pipeline_for([one], "all")) == (["gyro_current_mA"], [])
+
+
+@pytest.mark.parametrize("column", ["current_b", "PLC_2", "flow_rate", "light_counts", "T_rate", "rate [K/min]", "fan_pulses"])
+def test_a_second_monitor_a_rate_or_counts_of_something_else_are_candidates(column: str) -> None:
+    one = run(cycle(20.0, 50.0, 3.0), 1)
+    one = one.replace(table=one.table.assign(**{column: np.random.default_rng(0).standard_normal(len(one))}))
+    assert further_monitors([one], "all", pipeline_for([one], "all")) == ([column], [])
+
+
+def test_a_second_gyro_that_counts_pulses_takes_no_rotation_away() -> None:
+    """Two gyros of one base that sways; in a new run the base turns slowly, by 8 deg/h rms, and the model lets it stand."""
+
+    def pair(seed: int, rotation_deg_h: float = 0.0) -> rlg.Recording:
+        one = run(cycle(20.0, 50.0, 4.0, phase=seed / 3.0), seed, noise_deg_h=0.3)
+        turning = rotation_deg_h * np.sin(2.0 * np.pi * one.time_s / 6000.0)
+        turning += 20.0 * np.sin(2.0 * np.pi * one.time_s / 2500.0 + seed)  # of both, unknown to the thermometer
+        other = turning + 0.5 * np.random.default_rng(seed).standard_normal(len(one))
+        table = {"gyro_deg_h": one.rate_deg_h() + turning, "PULSES_B": np.round(other * STEP_S / 0.5)}
+        return one.replace(table=one.table.assign(**table))
+
+    model = rlg.Compensator().fit([pair(1), pair(2)])
+    assert "PULSES_B" not in model.pipeline_.columns
+    still, turning = (model.predict(pair(3, rate))["bias_deg_h"] for rate in (0.0, 11.3))
+    assert np.abs(turning - still).max() < 0.01

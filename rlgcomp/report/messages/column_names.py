@@ -38,6 +38,14 @@ _GYRO: Final = re.compile(
     r"velocidad ang|velocit. ang|угловая|角速度",
     re.IGNORECASE,
 )
+_WORDS: Final = re.compile(r"[^\W\d_]?[^\WA-Z\d_]+|[A-Z]+(?![a-z])|\d+")
+_OUTPUT_WORD: Final = re.compile(
+    r"(im)?puls\w*|counts?|cnts?|cts|inc(r(ement)?s?)?|z(ä|ae)hl\w*|rates?|w[xyz]|импульс\w*|脉冲\w*|パルス", re.IGNORECASE
+)
+_LABEL: Final = re.compile(
+    r"[a-d]|[nxyz]|\d+|left|right|raw|out(put)?|sum|diff|delta|num(ber)?|axis|ch(annel)?|signal|sensor|rlg|angular|ref(erence)?|other",
+    re.IGNORECASE,
+)
 _COUNTER: Final = re.compile(r"count|zähler|sample|tick", re.IGNORECASE)  # of samples rather than of pulses
 _PULSES: Final = re.compile(r"puls|count|impuls|zähl|zahl|tick|импульс|脉冲|パルス", re.IGNORECASE)
 
@@ -131,17 +139,27 @@ def suggested_gyro(columns: Sequence[str], stated: Mapping[str, str] | None = No
 def is_like_a_gyro(name: str) -> bool:
     """Whether a name looks like that of a gyro and states no unit of anything else, or states a unit of one.
 
+    A gyro's is also a name of pulses, counts or a rate that says of nothing else what is counted.
+
     >>> is_like_a_gyro("GyroX_dps"), is_like_a_gyro("Kreisel B"), is_like_a_gyro("rate [deg/s]"), is_like_a_gyro("T_block [degC]")
     (True, True, True, False)
     >>> is_like_a_gyro("gyro_current_mA"), is_like_a_gyro("Gyro supply [V]"), is_like_a_gyro("RLG pressure [hPa]")
     (False, False, False)
     >>> is_like_a_gyro("fan_speed_rpm"), is_like_a_gyro("pump [rev/min]"), is_like_a_gyro("gyro [rpm]")
     (False, False, True)
+    >>> [is_like_a_gyro(name) for name in ("PULSES_B", "CNT_B", "rate2", "Impulse 2", "pulseCountX")]
+    [True, True, True, True, True]
+    >>> [is_like_a_gyro(name) for name in ("readout_b_V", "flow_rate", "T1_counts", "rate [K/min]", "discharge_current_b_mA")]
+    [False, False, False, False, False]
     """
     unit = _unit_of(name, "deg/h")
     if unit is not None:  # fans, pumps and motors turn by the minute
         return float(convert(1.0, unit, "rev/min")) != 1.0 or _GYRO.search(name) is not None
-    other = header_unit(name)[1] or column_unit(name)
+    plain, stated = header_unit(name)
+    words = [word for word in _WORDS.findall(plain) if not _LABEL.fullmatch(word)]
+    if stated is None and words and all(map(_OUTPUT_WORD.fullmatch, words)):  # a letter behind them is no unit: PULSES_A
+        return True
+    other = stated or column_unit(name)
     return _GYRO.search(name) is not None and (other is None or not is_unit(other) or same_kind(other, "deg/h"))
 
 
