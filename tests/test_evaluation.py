@@ -53,6 +53,20 @@ def test_the_floor_of_a_real_run_is_near_it(
     assert blind.noise_floor_deg_h == pytest.approx(evaluation.noise_floor_deg_h, rel=0.15)
 
 
+def test_a_model_that_adds_noise_does_not_raise_the_floor(trained: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    """The floor is the gyro's, whatever model is evaluated; noise of an input is named."""
+    run = short_runs[2].replace(truth=None)
+    noise_degC = 20.0 * np.random.default_rng(0).standard_normal(len(run))
+    noisy = run.replace(table=run.table.assign(temperature_shell_degC=run.column("temperature_shell_degC") + noise_degC))
+    good, worse = (rlg.evaluate(trained, [one], compare=False) for one in (run, noisy))
+    assert worse.residual_std_deg_h > 1.5 * good.residual_std_deg_h
+    assert worse.noise_floor_deg_h == pytest.approx(good.noise_floor_deg_h, rel=0.05)
+    assert "evaluation.adds_noise" not in [remark.code for remark in good.remarks]
+    (remark,) = [remark for remark in worse.remarks if remark.code == "evaluation.adds_noise"]
+    added = np.sqrt(worse.residual_std_deg_h**2 - good.residual_std_deg_h**2)
+    assert remark.data["added_deg_h"] == pytest.approx(added, rel=0.3)
+
+
 def test_each_group_is_judged_in_the_company_of_the_others(evaluation: rlg.Evaluation, trained: rlg.Compensator) -> None:
     """Each group is left out in turn; alone, an input that corrects a small part would look useless."""
     table = evaluation.comparison

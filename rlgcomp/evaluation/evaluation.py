@@ -202,8 +202,8 @@ def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, of
     allan_residual = allan_deviation((rate - predicted["bias_deg_h"].to_numpy())[samples], run.time_s[samples])
     noise = own.noise_deg_h
     pulse_arcsec = run.metadata.pulse_arcsec if run.gyro_column(compensator.gyro).endswith("_pulses") else None
-    allan_floor = allan_residual.noise_of_means_deg_h(compensator.averaging_s, pulse_arcsec)
-    floor = float(np.std(noise, ddof=1)) if noise is not None else allan_floor
+    before, after = (curve.noise_of_means_deg_h(compensator.averaging_s, pulse_arcsec) for curve in (allan_raw, allan_residual))
+    floor = float(np.std(noise, ddof=1)) if noise is not None else min(before, after)  # a model may add noise, or remove a ripple
     factor, low, high = improvement(raw, residual, block=round(BLOCK_S / compensator.averaging_s))
     result = RunResult(
         run=run.name,
@@ -221,6 +221,7 @@ def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, of
         trained_on=trained_on(compensator, own) or _holds_training(compensator, run),
         out_of_range_inputs=_out_of_range_inputs(compensator, run),
         windows_left_out=_windows_left_out(run, compensator.averaging_s, len(raw)),
+        added_noise_deg_h=math.sqrt(max(0.0, after**2 - before**2)),
     )
     try:
         temperature = averaged.column(run.temperature_column)

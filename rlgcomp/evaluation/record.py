@@ -17,6 +17,7 @@ from rlgcomp.report.messages import Message, message
 Array = npt.NDArray[np.float64]
 OFTEN_OUT_OF_RANGE: Final = 0.01
 OFTEN_LEFT_OUT: Final = 0.1  # of the windows
+MUCH_ADDED_NOISE: Final = 0.5  # of the noise floor: the residual is then 12 % above it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,8 @@ class RunResult:
         Mean of the residual: the bias from switch-on to switch-on.
     residual_rms_deg_h : float
     noise_floor_deg_h : float
-        Lower bound of any compensation: the standard deviation of a simulated run's noise, otherwise from the Allan deviation.
+        Lower bound of any compensation: the standard deviation of a simulated run's noise, otherwise the white part of the Allan
+        deviation before or after compensation, whichever is less.
     factor, factor_low, factor_high : float
         raw / residual, with its 95 % interval by block bootstrap.
     out_of_range : float
@@ -47,6 +49,8 @@ class RunResult:
         Inputs that leave their training range, the most frequent first.
     windows_left_out : int
         Windows that hold samples, but less than 80 % of theirs.
+    added_noise_deg_h : float
+        White noise of means that the compensation adds to the gyro's, by the Allan deviations before and after.
     """
 
     run: str
@@ -64,6 +68,7 @@ class RunResult:
     trained_on: bool
     out_of_range_inputs: tuple[str, ...] = ()
     windows_left_out: int = 0
+    added_noise_deg_h: float = 0.0
 
     @property
     def floor_ratio(self) -> float:
@@ -84,6 +89,9 @@ class RunResult:
             remarks.append(message("evaluation.no_gain", run=self.run, **interval))
         if abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
             remarks.append(message("evaluation.offset", run=self.run, mean_deg_h=self.residual_mean_deg_h))
+        if self.added_noise_deg_h > MUCH_ADDED_NOISE * self.noise_floor_deg_h:
+            noises = {"added_deg_h": self.added_noise_deg_h, "floor_deg_h": self.noise_floor_deg_h}
+            remarks.append(message("evaluation.adds_noise", run=self.run, **noises))
         if self.out_of_range > OFTEN_OUT_OF_RANGE:
             inputs = list(self.out_of_range_inputs)
             remarks.append(message("evaluation.out_of_range", run=self.run, percent=100.0 * self.out_of_range, inputs=inputs))

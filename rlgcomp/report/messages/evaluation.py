@@ -31,6 +31,10 @@ TEXTS: Final = {
         "{run}: the residual has a mean of {mean_deg_h:+.3g} deg/h, more than its scatter: an offset since training (switch-on, "
         "mounting, Earth rate) that no monitor explains."
     ),
+    "adds_noise": (
+        "{run}: the compensation adds {added_deg_h:.3g} deg/h of noise to the gyro's {floor_deg_h:.3g} deg/h, as one that "
+        "reads a noisy monitor does; train without that monitor (--features)."
+    ),
     "cubic_suffices": (
         "A cubic in {features} alone has a residual of {cubic_rms_deg_h:.3g} deg/h rms, no more than this model: nothing is gained "
         "over the cubic."
