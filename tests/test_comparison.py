@@ -278,9 +278,32 @@ def test_means_are_compared_at_every_place_of_a_window() -> None:
     rng = np.random.default_rng(0)
     rate = rng.normal(size=40_000) + 0.1 * np.sin(np.arange(40_000) / 5000.0)
     means = rate[37 : 37 + 39_900].reshape(-1, 100).mean(axis=1)
-    assert shares_means(rate, 1.0, means, 100.0)
-    assert not shares_means(rng.normal(size=40_000), 1.0, means, 100.0)
+    time_s, means_time_s = np.arange(40_000.0), 100.0 * np.arange(len(means))
+    assert shares_means(rate, time_s, means, means_time_s, 100.0)
+    assert not shares_means(rng.normal(size=40_000), time_s, means, means_time_s, 100.0)
     assert noise_of_means_deg_h(rate, 1.0, 100.0) == pytest.approx(0.1, rel=0.1)
+
+
+@pytest.mark.parametrize(("hours", "lost"), [(1.5, 0), (4.0, 1300)], ids=["short", "with a gap"])
+def test_a_copy_at_another_sample_period_is_known_by_its_noise(hours: float, lost: int) -> None:
+    """Means over 2 s of a run at 1 s, by another clock; a run of its own that is as short, or as broken, is none."""
+
+    def recording(seed: int) -> pd.DataFrame:
+        rng, time_s = np.random.default_rng(seed), np.arange(hours * 3600.0)
+        temperature = 25.0 + 10.0 * np.sin(time_s / 1500.0 + seed)
+        rate = 11.0 + 1e-3 * temperature + 0.018 * rng.standard_normal(len(time_s))
+        return pd.DataFrame({"time_s": time_s, "gyro_deg_h": rate, "temperature_block_degC": temperature})
+
+    def halved(table: pd.DataFrame, name: str) -> rlg.Recording:
+        means = table.groupby(np.arange(len(table)) // 2).mean().assign(time_s=lambda means: means["time_s"] + 86400.37)
+        half = len(means) // 2
+        return rlg.Recording(means.drop(index=means.index[half : half + lost // 2]), name=name)
+
+    one, other, third = map(recording, range(3))
+    training = [rlg.Recording(one, name="one"), rlg.Recording(other, name="other")]
+    compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(training)
+    evaluation = rlg.evaluate(compensator, [halved(one, "copy"), halved(third, "new")], compare=False)
+    assert [run.trained_on for run in evaluation.runs] == [True, False]
 
 
 def test_an_error_below_the_noise_is_doubted(healthy: list[rlg.Recording]) -> None:

@@ -218,7 +218,7 @@ def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, of
         factor_high=high,
         out_of_range=float(predicted["out_of_range"][samples].mean()),
         in_interval=float((np.abs(residual) <= averaged.column("half_width_deg_h")).mean()),
-        trained_on=trained_on(compensator, own) or _holds_training(compensator, run),
+        trained_on=trained_on(compensator, run, own),
         out_of_range_inputs=_out_of_range_inputs(compensator, run),
         windows_left_out=_windows_left_out(run, compensator.averaging_s, len(raw)),
         added_noise_deg_h=math.sqrt(max(0.0, after**2 - before**2)),
@@ -238,15 +238,15 @@ def _windows_left_out(run: Recording, averaging_s: float, used: int) -> int:
     return max(0, len(np.unique(window[window < whole])) - used)
 
 
-def trained_on(compensator: Compensator, own: WindowMeans) -> bool:
-    """Whether averages of a run are among those that the compensation was trained on."""
-    return any(_same_run(own, part, compensator.averaging_s) for part in compensator.training_)
-
-
-def _holds_training(compensator: Compensator, run: Recording) -> bool:
-    """Whether a run holds the noise of a training run, though its clock, its offset or its windows are others."""
+def trained_on(compensator: Compensator, run: Recording, own: WindowMeans) -> bool:
+    """Whether a run is among those that the compensation was trained on, by its averages, or by its noise where its clock, its
+    sample period, its offset or its windows are others.
+    """
+    averaging_s, training = compensator.averaging_s, compensator.training_
+    if any(_same_run(own, part, averaging_s) for part in training):
+        return True
     rate_deg_h = run.rate_deg_h(compensator.gyro)
-    return any(shares_means(rate_deg_h, run.period_s, part.y_deg_h, compensator.averaging_s) for part in compensator.training_)
+    return any(shares_means(rate_deg_h, run.time_s, part.y_deg_h, part.time_s, averaging_s) for part in training)
 
 
 def _same_run(one: WindowMeans, other: WindowMeans, averaging_s: float) -> bool:

@@ -201,7 +201,7 @@ def size_curve(compensator: Compensator, runs: Sequence[Recording] = (), sizes: 
     judges = {"left_out": list(_left_out(compensator))}
     for run in runs:
         own = window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro)
-        judges.setdefault("trained_on" if trained_on(compensator, own) else "unseen", []).append((whole, [own]))
+        judges.setdefault("trained_on" if trained_on(compensator, run, own) else "unseen", []).append((whole, [own]))
     for name, folds in judges.items():
         stability = [_pooled([(reduction.with_centres(m), parts) for reduction, parts in folds]) for m in sizes_tried]
         stability.append(_pooled([(reduction.expansion, parts) for reduction, parts in folds]))

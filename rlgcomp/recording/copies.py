@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from rlgcomp.recording import Recording
+from rlgcomp.recording.sampling import LEAST_COVERAGE
 from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
@@ -29,7 +30,8 @@ DEVIATIONS: Final = 12.0  # of that correlation from zero; there are as many tri
 COARSEST: Final = 50  # ratio of sample periods
 _FEWEST_MEANS: Final = 30
 _PHASES: Final = 50  # places of a window at which the windows of two runs are compared
-_SHARED_MEANS, _MEAN_DEVIATIONS = 0.75, 9.0
+_SHARED_MEANS, _MEAN_DEVIATIONS = 0.75, 6.0  # correlation of bends, and by its Fisher transform
+_MOST_LOST: Final = 8  # times as long as the samples that there are
 
 
 def copies(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Message]:
@@ -135,25 +137,30 @@ def noise_steps(values: Array) -> Array | None:
     return np.asarray(steps - steps.mean())
 
 
-def shares_means(rate_deg_h: Array, period_s: float, means_deg_h: Array, averaging_s: float) -> bool:
-    """Whether a run holds the noise of means over consecutive windows, wherever its own windows begin.
+def shares_means(rate_deg_h: Array, time_s: Array, means_deg_h: Array, means_time_s: Array, averaging_s: float) -> bool:
+    """Whether a run holds the noise of means over windows, at whatever sample period and wherever its own windows begin.
 
     Parameters
     ----------
-    rate_deg_h : ndarray, shape (n,)
-    period_s : float
-        Sample period of the run in s.
-    means_deg_h : ndarray, shape (m,)
-        Means of another run, or of this one.
+    rate_deg_h, time_s : ndarray, shape (n,)
+    means_deg_h, means_time_s : ndarray, shape (m,)
+        Means of another run, or of this one, by a clock of their own.
     averaging_s : float
         Length of a window in s.
     """
-    size = max(1, round(averaging_s / period_s))
-    if len(rate_deg_h) < 4 * size or len(means_deg_h) < _FEWEST_MEANS:
+    if len(time_s) < FEWEST_SAMPLES or len(means_deg_h) < _FEWEST_MEANS:
         return False
-    sums = np.concatenate([[0.0], np.cumsum(rate_deg_h - np.mean(rate_deg_h))])
-    averages = (sums[size:] - sums[:-size]) / size
-    known = _bends(means_deg_h)
+    period_s = float(np.median(np.diff(time_s)))
+    size = max(1, round(averaging_s / period_s))
+    places, known_places = _places(time_s, period_s), _places(means_time_s, averaging_s)
+    known = _bends(_on_grid(means_deg_h, known_places))
+    sums, counts = (
+        np.r_[0.0, np.cumsum(np.bincount(places, values))] for values in (rate_deg_h - np.mean(rate_deg_h), np.ones(len(places)))
+    )
+    if len(sums) <= 4 * size:
+        return False
+    there = counts[size:] - counts[:-size]
+    averages = np.where(there >= LEAST_COVERAGE * size, (sums[size:] - sums[:-size]) / np.maximum(there, 1.0), np.nan)
     for phase in range(0, size, max(1, size // _PHASES)):
         own = _bends(averages[phase::size])
         count = fft.next_fast_len(len(own) + len(known), real=True)
@@ -162,20 +169,38 @@ def shares_means(rate_deg_h: Array, period_s: float, means_deg_h: Array, averagi
         lag = lag if lag < len(own) else lag - count
         first, second = (own[lag:], known) if lag >= 0 else (own, known[-lag:])
         common = min(len(first), len(second))
-        scale = float(np.sqrt(np.sum(first[:common] ** 2) * np.sum(second[:common] ** 2)))
-        if common < _FEWEST_MEANS or not scale > 0.0:
+        first, second = first[:common], second[:common]
+        both = (first != 0.0) & (second != 0.0)
+        common = int(np.count_nonzero(both))
+        scale = float(np.sqrt(np.sum(first[both] ** 2) * np.sum(second[both] ** 2)))
+        if common < _FEWEST_MEANS - 2 or not scale > 0.0:
             continue
-        share = abs(float(np.sum(first[:common] * second[:common]))) / scale
-        if share > max(_SHARED_MEANS, _MEAN_DEVIATIONS / np.sqrt(common)):
+        share = abs(float(np.sum(first[both] * second[both]))) / scale
+        # bends of white noise are correlated, by which their correlation scatters as that of half as many
+        if share > max(_SHARED_MEANS, float(np.tanh(_MEAN_DEVIATIONS * np.sqrt(2.0 / common)))):
             return True
     return False
 
 
+def _places(time_s: Array, period_s: float) -> npt.NDArray[np.int64]:
+    """Numbers of samples by a steady clock; one after the other where most of them are lost."""
+    places = np.rint((time_s - time_s[0]) / period_s).astype(np.int64)
+    return places if places[-1] < _MOST_LOST * len(places) else np.arange(len(places))
+
+
+def _on_grid(values: Array, places: npt.NDArray[np.int64]) -> Array:
+    """Values at their places, NaN at the others."""
+    grid = np.full(int(places[-1]) + 1, np.nan)
+    grid[places] = values
+    return grid
+
+
 def _bends(means: Array) -> Array:
-    """Second differences, of which drift is no part, clipped where they are no noise."""
+    """Second differences, of which drift is no part, clipped where they are no noise; 0 where a mean is missing."""
     bends = np.diff(means, 2)
-    scale = 1.4826 * float(np.median(np.abs(bends - np.median(bends)))) if len(bends) else 0.0
-    return np.asarray(np.clip(bends, -CLIP * scale, CLIP * scale))
+    there = bends[np.isfinite(bends)]
+    scale = 1.4826 * float(np.median(np.abs(there - np.median(there)))) if len(there) else 0.0
+    return np.nan_to_num(np.clip(bends, -CLIP * scale, CLIP * scale), nan=0.0)
 
 
 def _without_gaps(run: Recording, rate_deg_h: Array) -> Array:
