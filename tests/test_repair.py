@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rlgcomp as rlg
-from rlgcomp.recording import Finding
+from rlgcomp.recording import Finding, Metadata
 from rlgcomp.recording.repair import UnusableRecordingError, repair
 
 N = 0.0003 * 60.0  # deg/h of one sample at 1 Hz
@@ -434,3 +434,19 @@ def test_any_table_is_result_or_refused(rows: list[tuple[object, object, object]
         again, more = repair(recording.table, rlg.Metadata(), name="file")
         assert again.reset_index(drop=True).equals(recording.table)
         assert not any(finding.severity == "repaired" for finding in more)
+
+
+def _rounded(noise: float, counted: bool) -> list[str]:
+    """Codes of the findings on a slowly drifting rate with white noise, in steps of 0.1 deg/h: each sample rounded, or counted."""
+    time_s = np.arange(17_000.0)
+    steps = 111.0 + 0.7 * np.sin(time_s / 3000.0) + noise * np.random.default_rng(1).standard_normal(len(time_s))
+    values = np.diff(np.floor(np.cumsum(steps)), prepend=0.0) if counted else np.round(steps)
+    table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": 0.1 * values, "temperature_block_degC": 25.0 + np.sin(time_s / 2000.0)})
+    _, findings = repair(table, Metadata(), name="run")
+    return [finding.message.code for finding in findings]
+
+
+@pytest.mark.parametrize(("noise", "counted", "coarse"), [(0.13, False, True), (0.5, False, False), (0.13, True, False)])
+def test_a_gyro_whose_resolution_hides_its_noise_is_noted(noise: float, counted: bool, coarse: bool) -> None:
+    """Rounding of samples spoils means where the noise is less than a third of the step; a count carries its remainder."""
+    assert ("recording.coarse_gyro" in _rounded(noise, counted)) is coarse

@@ -16,6 +16,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import FEWEST_ROWS, PREDICTED, Finding, Metadata
 from rlgcomp.recording.repair.channels import (
     clipped_gyros,
+    coarse_gyros,
     constant_columns,
     encoder_wrap,
     running_sums,
@@ -56,6 +57,7 @@ CHECKS: Final[tuple[Callable[[pd.DataFrame, Context], pd.DataFrame], ...]] = (
     stuck_thermometers,
     stuck_monitors,
     missing_values,
+    coarse_gyros,
     encoder_wrap,
     sampling,
     unusual_period,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -13,7 +14,7 @@ from rlgcomp.recording import ENCODERS, TIME, is_compensation, is_gyro
 from rlgcomp.recording.repair.context import Array, Context, Mask
 from rlgcomp.recording.stuck_channels import by_column, segments_of, stuck_segments, stuck_thermometer_segments
 from rlgcomp.report.messages import message
-from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG
+from rlgcomp.units import DEG_PER_TURN, RAD_PER_DEG, column_unit
 
 STUCK_SAMPLES: Final = 20
 CLIPPED: Final = 0.002  # of the samples at one end of the range,
@@ -22,6 +23,11 @@ PRINTED: Final = 1e-7  # of the greatest value: smaller changes are the last pri
 FEWEST_PULSES: Final = 100.0  # of a running sum, and rows
 ONE_WAY: Final = 0.9  # of all steps, less those back; counts of a steady rate step up and down alike
 FOLLOWS: Final = 0.9  # of the variance
+COARSE_WINDOW: Final = 50  # samples, of which rounding to two values at most hides a noise of less than a third of the step,
+FEWEST_COARSE: Final = 0.5  # in this share of at least so many windows:
+FEWEST_WINDOWS: Final = 8
+MOST_READ: Final = 1 << 20  # samples of a gyro that are looked at
+COUNTED: Final = 0.5  # of the variance of samples, times their number: less is left in means of counts, which carry their remainder
 MOST_CONSTANT: Final = 3  # columns with a finding each
 
 
@@ -107,6 +113,36 @@ def clipped_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
 def _within_a_step(values: npt.NDArray[np.float64]) -> bool:
     """Whether numbers are so coarse that two of them next to each other hold nearly all: the more frequent is then no end."""
     return bool(np.std(values) < np.diff(np.unique(values)).min())
+
+
+def coarse_gyros(table: pd.DataFrame, context: Context) -> pd.DataFrame:
+    """Gyros whose resolution hides their noise, so that means follow the steps of the resolution and not the gyro."""
+    if context.metadata.kind == "turntable" or context.simulated:
+        return table
+    for column in (str(column) for column in table.columns if is_gyro(str(column)) and not str(column).endswith("_pulses")):
+        values = table[column].to_numpy()[:MOST_READ]
+        windows = values[: len(values) // COARSE_WINDOW * COARSE_WINDOW].reshape(-1, COARSE_WINDOW)
+        if len(windows) < FEWEST_WINDOWS:
+            continue
+        least, greatest = windows.min(axis=1, keepdims=True), windows.max(axis=1, keepdims=True)
+        coarse = ((windows == least) | (windows == greatest)).all(axis=1)
+        two_values = coarse & (greatest > least)[:, 0]
+        if np.mean(coarse) < FEWEST_COARSE or not two_values.any() or _carries_its_remainder(values):
+            continue
+        step = float(np.median((greatest - least)[two_values]))
+        share = {"percent": 100.0 * float(np.mean(coarse)), "unit": column_unit(column)}
+        context.add("noted", message("recording.coarse_gyro", step=step, **share), column)
+    return table
+
+
+def _carries_its_remainder(values: Array) -> bool:
+    """Whether a rate counts whole pulses, of which means over many samples hold less than rounding of each would leave."""
+    changes = np.diff(values)
+    size = math.ceil(4.0 / np.mean(changes != 0.0))
+    if len(values) < 8 * size:
+        return False
+    means = np.diff(values[: len(values) // size * size].reshape(-1, size).mean(axis=1))
+    return float(np.mean(means**2)) * size < COUNTED * float(np.mean(changes**2))
 
 
 def stuck_monitors(table: pd.DataFrame, context: Context) -> pd.DataFrame:

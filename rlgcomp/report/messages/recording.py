@@ -369,6 +369,10 @@ TEXTS: Final = {
     ),
     "stuck_thermometer": "stuck for {duration_s:.0f} s while another thermometer moved, rows left out",
     "encoder_wraps": "{wraps} wraps of the encoder undone, the angle now runs on",
+    "coarse_gyro": (
+        "its steps of {step:.3g} {unit} are larger than its noise: {percent:.0f} % of the stretches of 50 samples hold two values "
+        "at most, so that means are those of the rounding, not of the gyro. Record it with more digits, or as counts of its pulses"
+    ),
     "constant_columns": "{count} columns are constant and can explain no change of the gyro: {columns}",
     "constant_column": "constant at {value:.6g}: it can explain no change of the gyro",
     # merging two loggers
