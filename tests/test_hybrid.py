@@ -204,6 +204,32 @@ def test_the_amplitudes_are_those_of_the_simulator(unit: rlg.Simulator) -> None:
     assert parts["share"].sum() == pytest.approx(1.0)
 
 
+def test_physics_that_is_worse_than_none_has_a_remark(short_runs: list[rlg.Recording]) -> None:
+    """Parts of runs that hardly overlap: a cubic with an amplitude of its own carries the default model too far."""
+
+    def part(run: rlg.Recording, first: float, last: float) -> rlg.Recording:
+        return run.between(*(run.time_s[0] + share * run.duration_s for share in (first, last)))
+
+    cut = [part(run, *shares) for run, shares in zip(short_runs, ((0.0, 0.4), (0.3, 0.7), (0.6, 1.0)), strict=False)]
+    physics = rlg.Simulator((ThermalPolynomial(), SupplyVoltage()))
+    model, plain = rlg.Compensator(physics=physics).fit(cut), rlg.Compensator().fit(cut)
+    (remark,) = [one for one in model.remarks_ if one.code == "compensation.physics_worse"]
+    assert plain.selection_.rmse is not None
+    assert remark.data["without_deg_h"] == pytest.approx(plain.selection_.rmse * plain.scaling_.y_scale_deg_h, rel=1e-6)
+    assert remark.data["residual_deg_h"] > 1.1 * remark.data["without_deg_h"]
+
+
+def test_amplitudes_that_mean_nothing_have_a_remark(short_runs: list[rlg.Recording]) -> None:
+    """A supply whose effect the noise hides; a cubic in temperature that the kernel of temperature takes off again."""
+    hidden = rlg.Compensator(physics=rlg.Simulator((ThermalPolynomial(), SupplyVoltage()))).fit(short_runs)
+    (remark,) = [one for one in hidden.remarks_ if one.code == "compensation.amplitudes_unknown"]
+    assert "supply_voltage.k_deg_h_V" in remark.text
+    doubled = rlg.Compensator(features="temperature", physics=rlg.Simulator((ThermalPolynomial(),))).fit(short_runs[:3])
+    (remark,) = [one for one in doubled.remarks_ if one.code == "compensation.parts_cancel"]
+    assert sum(remark.data["shares"].values()) == pytest.approx(100.0)
+    assert max(remark.data["shares"].values()) > 120.0
+
+
 def test_beyond_the_range_physics_goes_on_and_the_rest_keeps_its_value(unit: rlg.Simulator) -> None:
     polynomial = rlg.Simulator((ThermalPolynomial(degree=1, c1_deg_h_K=1e-3),), noise=unit.noise)
     runs = [polynomial.simulate("short", seed=seed) for seed in (1, 2)]

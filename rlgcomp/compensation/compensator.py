@@ -28,11 +28,13 @@ from rlgcomp.compensation.features import Level
 from rlgcomp.compensation.held_out_errors import HeldOutErrors
 from rlgcomp.compensation.input_selection import ChosenInputs
 from rlgcomp.compensation.interval import Interval, require_turn_on
-from rlgcomp.compensation.known_physics import HybridInputs, amplitudes_of, parts_of, require_lssvm
+from rlgcomp.compensation.known_physics import HybridInputs, amplitudes_of, on_amplitudes, on_gain, parts_of, require_lssvm
 from rlgcomp.compensation.models import DEFAULT, MODELS, specification_of
 from rlgcomp.compensation.models.cubic import DYNAMICS
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
+from rlgcomp.compensation.models.lssvm_search import MANY_ROWS
 from rlgcomp.compensation.models.specification import grouping, require_regressor
+from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.compensation.prediction import Prediction
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.training_remarks import on_errors_below_noise, on_interval, on_turning, warn_of_earth_rate
@@ -219,6 +221,7 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
         self.model_ = model.set_params(**self.selection_.best)
         self.model_.fit(X, y, **grouping(self.model_, self.run_labels()))
         self.interval_ = self.calibrated_interval()
+        without_physics = self._rmse_without_physics(X, y, groups, workers)
         self.provenance_ = [
             {"run": run.name, **run.metadata.to_mapping(), "rows": len(run), "hours": run.duration_s / 3600.0} for run in raw
         ]
@@ -229,6 +232,8 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
             *no_inputs,
             *not_told_apart,
             *hybrid.left_out,
+            *on_gain(self.selection_.rmse, without_physics, self.scaling_.y_scale_deg_h),
+            *on_amplitudes(self.parts(), self.amplitudes()),
             *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
             *on_interval(self.interval_),
             *on_errors_below_noise(self.selection_.rmse, self.scaling_, raw, self.gyro, self.averaging_s),
@@ -239,6 +244,16 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
         self.schema_ = SCHEMA
         self.restart()
         return self
+
+    def _rmse_without_physics(self, X: Array, y: Array, groups: npt.NDArray[np.int64], workers: int) -> float | None:
+        """Error with runs left out of the default model on the same rows, without the known physics; None where there is none, or
+        where many rows make it long.
+        """
+        if not self.pipeline_.physics or len(y) > MANY_ROWS:
+            return None
+        features = FeatureRecipe(tuple(feature for feature in self.pipeline_.features if feature.kind != PhysicsTerm.kind))
+        model = _resolved(_default_model(None), features, one_run=len(self.training_) == 1)
+        return select(MODELS[DEFAULT], model, X[:, self.scaling_.ranged], y, groups, n_jobs=workers).rmse
 
     def training_rows(self) -> tuple[Array, Array, npt.NDArray[np.int64]]:
         """Scaled inputs, scaled output and fold label of every training row."""

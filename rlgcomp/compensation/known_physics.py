@@ -29,6 +29,9 @@ from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 LEARNT: Final = "LS-SVM"  # the part that is no known physics
+CLEARLY_WORSE: Final = 1.1  # times the error without known physics
+MOST_SHARE: Final = 1.2  # of the bias's variance in one part: another takes off what it has too much
+CERTAIN: Final = 2.0  # standard deviations of an amplitude from zero
 
 
 @dataclasses.dataclass(frozen=True)
@@ -205,3 +208,31 @@ def amplitudes_of(pipeline: FeatureRecipe, scaling: Scaling, model: Any) -> pd.D
         for term, factor, value, sd in fitted
     ]
     return pd.DataFrame(rows, columns=["mechanism", "parameter", "value", "sd", "given"])
+
+
+def on_gain(rmse: float | None, without_physics: float | None, y_scale_deg_h: float) -> list[Message]:
+    """A message where the errors with runs left out are clearly larger than those of the default model without known physics."""
+    if rmse is None or without_physics is None or not rmse > CLEARLY_WORSE * without_physics:
+        return []
+    errors = {"residual_deg_h": rmse * y_scale_deg_h, "without_deg_h": without_physics * y_scale_deg_h}
+    return [message("compensation.physics_worse", **errors)]
+
+
+def on_amplitudes(parts: pd.DataFrame, amplitudes: pd.DataFrame) -> list[Message]:
+    """Messages on parts that cancel each other, and on mechanisms whose only amplitude is not told from zero.
+
+    Parameters
+    ----------
+    parts, amplitudes : pandas.DataFrame
+        As :func:`parts_of` and :func:`amplitudes_of` make them.
+    """
+    messages = []
+    if len(parts) and parts["share"].max() > MOST_SHARE:
+        large = parts[parts["share"].abs() > MOST_SHARE - 1.0]
+        shares = dict(zip(large["part"], (100.0 * large["share"]).tolist(), strict=True))
+        messages.append(message("compensation.parts_cancel", shares=shares))
+    unknown = amplitudes[~amplitudes["mechanism"].duplicated(keep=False) & (amplitudes["value"].abs() < CERTAIN * amplitudes["sd"])]
+    if len(unknown):
+        found = [f"{row.mechanism}.{row.parameter} {row.value:.2g} ± {row.sd:.2g}" for row in unknown.itertuples()]
+        messages.append(message("compensation.amplitudes_unknown", amplitudes=found))
+    return messages

@@ -65,6 +65,14 @@ def no_monitor(*, columns: Sequence[str], monitors: Sequence[str], lacking: Sequ
     return f"{text}; learn from {' or '.join(monitors)} with --features {shlex.quote(chosen)}{mapped}"
 
 
+def parts_cancel(*, shares: Mapping[str, float]) -> str:
+    parts = ", ".join(f"{part} {share:.0f} %" for part, share in shares.items())
+    return (
+        f"Parts of the model cancel each other (shares of the bias's variance: {parts}): these runs cannot tell them apart, their "
+        "amplitudes are not those of the gyro, and another programme may show the difference."
+    )
+
+
 def at_limits(*, parameters: Mapping[str, float]) -> str:
     values = " and ".join(f"{name} = {value:.3g}" for name, value in parameters.items())
     return (
@@ -122,6 +130,13 @@ TEXTS: Final = {
     ),
     "physics_left_out": (
         "The simulator's {mechanism} takes no part in the compensation: {reason}. The LS-SVM learns of it what its inputs show."
+    ),
+    "physics_worse": (
+        "With runs left out this model leaves {residual_deg_h:.3g} deg/h, the default one without the physics "
+        "{without_deg_h:.3g} deg/h: train without --physics, or compare both by rlgcomp evaluate on a run that neither has seen."
+    ),
+    "amplitudes_unknown": (
+        "The amplitudes of these mechanisms cannot be told from zero, for each is less than two standard deviations: {amplitudes}."
     ),
     "not_told_apart": (
         "{group} is not used: these runs cannot tell its effect apart from that of {company}. A run that {telling_run} would."
