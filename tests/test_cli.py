@@ -331,7 +331,7 @@ def test_a_model_with_a_changed_byte_or_a_missing_file(folder: Path, tmp_path: P
         (("train", "{run}", "--out", "{run}/m"), "is no folder"),
         (("train", "{run}", "--averaging-s", "0.001", "--out", "{tmp}/m"), "cannot average over"),
         (("train", "{run}", "--map", "nonsense", "--out", "{tmp}/m"), "expected TARGET=SOURCE"),
-        (("train", "{run}", "--gyro", "gyro_q_deg_h", "--out", "{tmp}/m"), "choose with --gyro"),
+        (("train", "{run}", "--gyro", "gyro_q_deg_h", "--out", "{tmp}/m"), "or choose one of them"),
         (("train", "{run}", "--drop", "colour", "--out", "{tmp}/m"), "cannot drop colour"),
         (("simulate", "{sim}", "--profile", "dance", "--out", "{tmp}/r.parquet"), "is not understood"),
         (("simulate", "{sim}", "--step-s", "-1", "--out", "{tmp}/r.parquet"), "must be positive"),
@@ -660,7 +660,7 @@ def test_one_gyros_calibration_is_applied_to_that_of_several(
     text = " ".join(
         refused("compensate", tmp_path / "rate", tmp_path / "zy.parquet", *calibrated, "--out", tmp_path / "o.csv").split()
     )
-    assert "'gyro_x_deg_h' is not among them; choose with --gyro COLUMN, or name one so with --map gyro_x_deg_h=" in text
+    assert "'gyro_x_deg_h' is not among them; name it so with --map gyro_x_deg_h=" in text
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -84,7 +84,7 @@ def test_several_gyros_need_a_choice() -> None:
     with pytest.raises(rlg.InputError, match=r"choose with --gyro"):
         recording.rate_deg_h()
     assert recording.rate_deg_h("gyro_z_deg_s")[-1] == pytest.approx(999 * 3600)
-    with pytest.raises(rlg.InputError, match="'gyro_q' is not among them"):
+    with pytest.raises(rlg.InputError, match="'gyro_q' is not among them; name it so with --map gyro_q="):
         recording.rate_deg_h("gyro_q")
 
 

@@ -456,6 +456,16 @@ def test_the_spread_of_one_repeat_is_an_empty_cell(tmp_path: Path) -> None:
     assert "nan" not in result.output
 
 
+def test_no_lock_in_is_stated_of_one_repeat(folder: Path) -> None:
+    """It would have no error: three rates with one repeat each gave 0.00198 deg/s of a gyro without lock-in."""
+    runs = [rlg.read(folder / f"rates{k}.parquet") for k in range(4)]
+    one, four = calibrate_scale_factor(runs[:1]), calibrate_scale_factor(runs)
+    assert one.lock_in is None
+    assert one.rates is not None
+    assert one.rates.repeatability.code == "calibration.one_repeat"
+    assert four.lock_in is not None
+
+
 def test_command_against_rate(folder: Path) -> None:
     result = command(*[folder / f"rates{k}.parquet" for k in range(4)], "--json")
     assert result.exit_code == 0, result.output

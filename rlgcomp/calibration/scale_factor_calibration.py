@@ -201,9 +201,9 @@ def _against_rate(
     if len(factors) < 2:
         return None, None
     table, columns = rate_table(factors, nominal_arcsec)
-    if len(factors) < FEWEST_RATES_FOR_LOCK_IN:
+    if len(factors) < FEWEST_RATES_FOR_LOCK_IN or table.error_ppm.shape[1] < 2:  # of one repeat it has no error
         return table, None
-    if columns == "repeat" and table.error_ppm.shape[1] > 1:
+    if columns == "repeat":
         remarks.append(message("calibration.lock_in_from_one_power_up", repeats=table.error_ppm.shape[1]))
     return table, fit_lock_in(table)
 

@@ -224,13 +224,12 @@ class Recording:
             return self.gyro_columns[0]
         if wanted in self.gyro_columns:
             return str(wanted)
-        received, otherwise = (
-            ("none was chosen", "leave the others out with --drop COLUMN")
-            if wanted is None
-            else (f"{wanted!r} is not among them", f"name one so with --map {wanted}='NAME [unit]'")
+        there = f"{self.name} has the gyro columns {', '.join(self.gyro_columns)}"
+        if wanted is None:
+            raise InputError(f"{there}; none was chosen; choose with --gyro COLUMN, or leave the others out with --drop COLUMN")
+        raise InputError(
+            f"{there}; {wanted!r} is not among them; name it so with --map {wanted}='NAME [unit]', or choose one of them"
         )
-        there = ", ".join(self.gyro_columns)
-        raise InputError(f"{self.name} has the gyro columns {there}; {received}; choose with --gyro COLUMN, or {otherwise}")
 
     def rate_deg_h(self, gyro: str | None = None) -> Array:
         """Gyro output in deg/h, whatever unit it was recorded in.

@@ -130,7 +130,10 @@ TEXTS: Final = {
         "the mounting angle is less than three standard errors: it is not significantly different from zero, and its estimate is "
         "biased upwards"
     ),
-    "one_repeat": "one repeat: the repeatability of the scale factor is unknown",
+    "one_repeat": (
+        "one repeat: the repeatability of the scale factor is unknown, so that no lock-in is stated; turn the table to and fro at "
+        "each rate more often"
+    ),
     "no_operating_rate": "at no rate is the scale factor repeatable and constant to 1 ppm",
     "operating_rate": "from {rate_deg_s:.4g} deg/s on the scale factor is repeatable and constant to 1 ppm",
     "lock_in_from_one_power_up": (
