@@ -265,6 +265,42 @@ def test_a_reversed_gyro_is_noticed() -> None:
     earth = [changed(run, lambda table: table.assign(gyro_deg_h=rng.normal(9.0, 0.02, len(table))), run.name) for run in runs]
     earth[2] = changed(earth[2], _reversed, "run2")
     assert codes(earth) == {"run2": {"other_sign"}}
+    for two, code in ((runs[:2], "recording.other_response"), (earth[1:], "recording.other_sign")):
+        (found,) = compare(two)  # of two, none tells which is wrong
+        assert (found.code, {found.data["run"], found.data["other"]}) == (code, {run.name for run in two})
+        assert "one of the two" in found.text
+        assert "gyro_deg_h: 'COLUMN [-deg/h]'" in found.text
+
+
+@pytest.mark.parametrize(("factor", "offset_deg_h"), [(-1.0, 0.0), (1.0 / 3600.0, 0.0), (1.0, 4.0)])
+def test_a_sign_or_unit_is_no_offset_since_training(factor: float, offset_deg_h: float) -> None:
+    """Of a run evaluated by itself: what differs from the training runs is named, and a true offset stays one."""
+
+    def recording(seed: int) -> rlg.Recording:
+        rng, time_s = np.random.default_rng(seed), np.arange(0.0, 4.0 * 3600.0, 2.0)
+        temperature = 25.0 + 20.0 * np.sin(time_s / 2500.0 + seed)
+        rate = 11.0 + 1e-2 * temperature + 0.02 * rng.standard_normal(len(time_s))
+        table = {"time_s": time_s, "gyro_deg_h": rate, "temperature_block_degC": temperature}
+        return rlg.Recording(pd.DataFrame(table), name=f"run{seed}")
+
+    compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit([recording(0), recording(1)])
+    new = changed(recording(2), lambda table: table.assign(gyro_deg_h=factor * table["gyro_deg_h"] + offset_deg_h), "new")
+    found = [one.code for one in rlg.evaluate(compensator, [new], compare=False).remarks]
+    assert ("recording.other_response" in found) is (factor != 1.0)
+    assert ("evaluation.offset" in found) is (factor == 1.0)
+
+
+def test_two_courses_of_a_chamber_are_no_copies() -> None:
+    """A thermometer that was mapped as the gyro: its ramps are alike in both runs, its noise is not."""
+
+    def thermometer(seed: int) -> rlg.Recording:
+        time_s = np.arange(0.0, 16_000.0, 2.0)
+        course = np.interp(time_s, [0.0, 2000.0, 6000.0, 9000.0, 13_000.0, 16_000.0], [25.0, 25.0, -30.0 + seed, -30.0, 20.0, 20.0])
+        values = course + 0.007 * np.random.default_rng(seed).standard_normal(len(time_s))
+        return rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": values}), name=f"run{seed}")
+
+    runs = [thermometer(0), thermometer(1)]
+    assert not copies(runs, {k: run.rate_deg_h() for k, run in enumerate(runs)})
 
 
 def test_a_run_that_was_trained_on_is_known_by_its_noise(healthy: list[rlg.Recording]) -> None:

@@ -538,7 +538,7 @@ def test_a_line_with_too_many_entries_is_named(tmp_path: Path) -> None:
         ("supply_voltage_V", "U in mV", 1e-3, "recording.unit_of_name"),
         ("supply_voltage_V", "Vcc_mV", 1e-3, "recording.unit_of_name"),
         ("supply_voltage_V", "U / V", 1.0, None),
-        ("supply_voltage_V", "Vcc/mV [V]", 1.0, None),  # the stated one is believed
+        ("supply_voltage_V", "Vcc/mV [V]", 1.0, "recording.unit_stated_otherwise"),  # the stated one is believed
         ("supply_voltage_V", "Vcc", 1e-3, "recording.unit_of_name"),
         ("supply_voltage_V", "U in Vpp", 1.0, "recording.unit_not_understood"),
         ("time_s", "t in min", 60.0, "recording.unit_of_name"),
@@ -679,6 +679,28 @@ def test_a_thermistor_is_never_offered_as_a_temperature() -> None:
         assert "degC]'" not in str(refused.value)
     run = rlg.recording(table, columns={"temperature_block_degC": "therm_ohm [0.001 degC]"})
     assert "--features therm_ohm" in by_code(run.findings)["resistance_stated_otherwise"].message.text
+
+
+@pytest.mark.parametrize(
+    ("target", "source", "noted"),
+    [
+        ("temperature_block_degC", "T_block_K [degC]", True),
+        ("gyro_deg_h", "gyro_z_dph [deg/s]", True),
+        ("gyro_deg_h", "gyro_z_dph [-deg/h]", False),
+        ("temperature_block_degC", "T_block_C [degC]", False),
+        ("temperature_block_degC", "block [degC]", False),
+    ],
+)
+def test_a_stated_unit_that_the_name_contradicts_is_noted(target: str, source: str, noted: bool) -> None:
+    """It is believed, and said."""
+    random = np.random.default_rng(3)
+    column = source.partition(" [")[0]
+    other = "gyro_deg_h" if target != "gyro_deg_h" else "temperature_block_degC"
+    table = pd.DataFrame(
+        {"time_s": np.arange(200.0), other: 20.0 + random.normal(size=200), column: 20.0 + random.normal(size=200)}
+    )
+    run = rlg.recording(table, columns={target: source})
+    assert ("unit_stated_otherwise" in by_code(run.findings)) is noted
 
 
 def test_what_a_refusal_proposes_works() -> None:

@@ -27,6 +27,7 @@ from rlgcomp.noise.allan_deviation import allan_deviation
 from rlgcomp.numerics.bootstrap import BLOCK_S, drawn_squares
 from rlgcomp.recording import Recording, rate_name
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
+from rlgcomp.recording.comparison import compare_with_training
 from rlgcomp.recording.copies import shares_means
 from rlgcomp.recording.outliers import monitor_outliers, without_gyro_outliers
 from rlgcomp.report.notebook import ShownAsTable
@@ -221,6 +222,7 @@ def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, of
         trained_on=trained_on(compensator, run, own),
         out_of_range_inputs=_out_of_range_inputs(compensator, run),
         windows_left_out=_windows_left_out(run, compensator.averaging_s, len(raw)),
+        doubts=compare_with_training(run.name, raw, bias, np.concatenate([part.y_deg_h for part in compensator.training_])),
         added_noise_deg_h=math.sqrt(max(0.0, after**2 - before**2)),
     )
     try:

@@ -51,6 +51,8 @@ class RunResult:
         Windows that hold samples, but less than 80 % of theirs.
     added_noise_deg_h : float
         White noise of means that the compensation adds to the gyro's, by the Allan deviations before and after.
+    doubts : tuple of Message
+        On a gyro of another sign or unit than in training.
     """
 
     run: str
@@ -69,6 +71,7 @@ class RunResult:
     out_of_range_inputs: tuple[str, ...] = ()
     windows_left_out: int = 0
     added_noise_deg_h: float = 0.0
+    doubts: tuple[Message, ...] = ()
 
     @property
     def floor_ratio(self) -> float:
@@ -78,7 +81,7 @@ class RunResult:
     @property
     def remarks(self) -> tuple[Message, ...]:
         """Cautions to this result."""
-        remarks = [message("evaluation.trained_on", run=self.run)] if self.trained_on else []
+        remarks = [*self.doubts, *([message("evaluation.trained_on", run=self.run)] if self.trained_on else [])]
         if self.windows_left_out > OFTEN_LEFT_OUT * (self.windows + self.windows_left_out):
             counts = {"left_out": self.windows_left_out, "windows": self.windows + self.windows_left_out, "used": self.windows}
             remarks.append(message("evaluation.windows_left_out", run=self.run, percent=100.0 * LEAST_COVERAGE, **counts))
@@ -87,7 +90,7 @@ class RunResult:
             remarks.append(message("evaluation.worse", run=self.run, times=1.0 / self.factor, **interval))
         elif self.factor_low <= 1.0:
             remarks.append(message("evaluation.no_gain", run=self.run, **interval))
-        if abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
+        if not self.doubts and abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
             remarks.append(message("evaluation.offset", run=self.run, mean_deg_h=self.residual_mean_deg_h))
         if self.added_noise_deg_h > MUCH_ADDED_NOISE * self.noise_floor_deg_h:
             noises = {"added_deg_h": self.added_noise_deg_h, "floor_deg_h": self.noise_floor_deg_h}
@@ -189,7 +192,7 @@ class EvaluationRecord:
     def to_frame(self) -> pd.DataFrame:
         """One row a run."""
         table = pd.DataFrame([{**dataclasses.asdict(run), "floor_ratio": run.floor_ratio} for run in self.runs])
-        return table.drop(columns="out_of_range_inputs")
+        return table.drop(columns=["out_of_range_inputs", "doubts"])
 
     def to_mapping(self) -> dict[str, Any]:
         """Everything as plain data."""

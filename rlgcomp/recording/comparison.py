@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -397,13 +397,48 @@ def _response(runs: Sequence[Recording], rates: dict[int, Array]) -> list[Messag
     if messages:
         reversed_ones = [one for one in messages if one[2] < 0.0]
         _, k, slope = max(reversed_ones or messages)
-        return [message("recording.other_response", run=runs[k].name, slope=slope)]
+        return [message("recording.other_response", run=runs[k].name, slope=slope, **_the_other(runs, known, k))]
+    spread = max(float(np.ptp(y)) for _, y in known.values())
     for k, median in medians.items():
-        other = _typical(medians, k)
-        spread = max(float(np.ptp(y)) for _, y in known.values())
-        if median * other < 0.0 and abs(median + other) < 0.1 * abs(other) and abs(other) > 2.0 * spread:
-            return [message("recording.other_sign", run=runs[k].name, mean_deg_h=median, others_deg_h=other)]
+        if is_reversed(median, typical := _typical(medians, k), spread):
+            means_of = {"mean_deg_h": median, "others_deg_h": typical}
+            return [message("recording.other_sign", run=runs[k].name, **means_of, **_the_other(runs, known, k))]
     return []
+
+
+def _the_other(runs: Sequence[Recording], known: Iterable[int], k: int) -> dict[str, str]:
+    """The other one of two runs, of which no third tells which is wrong."""
+    others = [runs[one].name for one in known if one != k]
+    return {"other": others[0]} if len(others) == 1 else {}
+
+
+def is_reversed(median_deg_h: float, others_deg_h: float, spread_deg_h: float) -> bool:
+    """Whether a gyro has the mean of others with the other sign, by far more than their spread."""
+    apart = abs(median_deg_h + others_deg_h) < 0.1 * abs(others_deg_h)
+    return median_deg_h * others_deg_h < 0.0 and apart and abs(others_deg_h) > 2.0 * spread_deg_h
+
+
+def compare_with_training(run: str, rate_deg_h: Array, bias_deg_h: Array, training_deg_h: Array) -> tuple[Message, ...]:
+    """How the gyro of a run differs from that of the training runs in sign or unit; nothing where it has both.
+
+    Parameters
+    ----------
+    run : str
+    rate_deg_h : ndarray, shape (n,)
+        Means of its gyro.
+    bias_deg_h : ndarray, shape (n,)
+        The bias that the training runs foretell.
+    training_deg_h : ndarray, shape (m,)
+        Means of their gyro.
+    """
+    if min(np.ptp(rate_deg_h), np.ptp(bias_deg_h)) > 0.0 and abs(np.corrcoef(bias_deg_h, rate_deg_h)[0, 1]) > _FOLLOWS:
+        slope = float(np.polyfit(bias_deg_h, rate_deg_h, 1)[0])
+        if not _SMALLEST_SLOPE < slope < _LARGEST_SLOPE:
+            return (message("recording.other_response", run=run, slope=slope, trained=True),)
+    own, theirs = float(np.median(rate_deg_h)), float(np.median(training_deg_h))
+    if is_reversed(own, theirs, max(float(np.ptp(rate_deg_h)), float(np.ptp(training_deg_h)))):
+        return (message("recording.other_sign", run=run, mean_deg_h=own, others_deg_h=theirs, trained=True),)
+    return ()
 
 
 def _means(run: Recording, rate: Array) -> tuple[Array, Array] | None:

@@ -117,6 +117,7 @@ def _at_best_lag(one: _Noise, other: _Noise) -> float | None:
         return None
     blocks = max(1, common // FEWEST_SAMPLES)
     first, second = (part[: common // blocks * blocks].reshape(blocks, -1) for part in (first, second))
+    first, second = (part - part.mean(axis=1, keepdims=True) for part in (first, second))  # a ramp of temperature is no noise
     scale = np.sqrt(np.mean(first**2, axis=1) * np.mean(second**2, axis=1))
     shares = np.abs(np.mean(first * second, axis=1)) / np.where(scale > 0.0, scale, np.inf)
     # Steps of white noise are correlated with the next ones, by which their correlation over a block scatters more.

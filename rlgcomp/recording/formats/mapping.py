@@ -27,7 +27,7 @@ from rlgcomp.recording import TIME, Finding, times
 from rlgcomp.recording.columns import nearest_standard
 from rlgcomp.recording.repair.context import Step
 from rlgcomp.recording.repair.sense import ERROR_VALUES
-from rlgcomp.report.messages import message
+from rlgcomp.report.messages import Message, message
 from rlgcomp.report.messages.column_names import is_year, of_resistance, resistance_unit
 
 _NUMBER: Final = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -127,11 +127,7 @@ def apply_mapping(
         elif known[0].unit is not None and wanted is not None:
             if sources[0].unit is not None:
                 stated_units.add(target)
-                if (ohm := _doubted_resistance(sources[0], wanted)) is not None:
-                    about = message(
-                        "recording.resistance_stated_otherwise", source=sources[0].column, ohm=ohm, unit=sources[0].unit
-                    )
-                    findings.append(Finding("noted", about, target))
+                findings += [Finding("noted", one, target) for one in _contradictions(sources[0], wanted)]
             converted[target] = _converted(table[known[0].column], known[0], wanted, target)
             if target != TIME:
                 error_values[target] = _error_values(known[0]._replace(column=""), wanted)
@@ -209,11 +205,25 @@ def _by_its_name(source: Source, table: pd.DataFrame, wanted: str | None, target
     return source._replace(unit=named.unit)
 
 
-def _doubted_resistance(source: Source, wanted: str) -> str | None:
-    """The unit of resistance in the name of a column that is stated to hold a temperature, no platinum thermometer's."""
-    if source.unit is None or not units.same_kind(wanted, "degC") or re.search(r"\spt\d+$", source.unit, re.IGNORECASE):
-        return None
-    return resistance_unit(source.column)
+def _contradictions(source: Source, wanted: str) -> list[Message]:
+    """A message where a column's name states another unit than is stated of it: of resistance, no platinum thermometer's, or of its
+    own kind.
+    """
+    if source.unit is None or wanted == units.column_unit(TIME):
+        return []
+    about = {"source": source.column, "unit": source.unit}
+    ohm = resistance_unit(source.column) if units.same_kind(wanted, "degC") else None
+    if ohm is not None and not re.search(r"\spt\d+$", source.unit, re.IGNORECASE):
+        return [message("recording.resistance_stated_otherwise", ohm=ohm, **about)]
+    named, unit = units.unit_in_name(source.column, wanted), source.unit.removeprefix("-")
+    if named is None or named.kind == "other":
+        return []
+    known = all(units.is_unit(one) and units.same_kind(one, wanted) for one in (unit, named.unit))
+    return (
+        [message("recording.unit_stated_otherwise", named=named.unit, **about)]
+        if known and not _same_unit(unit, named.unit)
+        else []
+    )
 
 
 def _require_no_resistance(column: str, values: pd.Series, wanted: str, target: str) -> None:

@@ -249,7 +249,44 @@ def joined(*, files: Sequence[str], rows: Sequence[int], pause_s: float | None) 
     return f"one recording of {len(files)} files: {each}{pause}"
 
 
+def other_response(*, run: str, slope: float, other: str | None = None, trained: bool = False) -> str:
+    unit = "-deg/h" if slope < 0.0 else "UNIT"
+    if other is not None:
+        return (
+            f"{run} and {other}: the gyro of one follows the temperature {slope:.3g} times as that of the other: one of the two "
+            f"has another sign or unit. {_stated_alone(unit)}"
+        )
+    others = "the training runs" if trained else "the other runs"
+    return (
+        f"{run}: its gyro follows the temperature {slope:.3g} times as in {others}: it has another sign or unit. "
+        f"{_stated_alone(unit)}"
+    )
+
+
+def other_sign(*, run: str, mean_deg_h: float, others_deg_h: float, other: str | None = None, trained: bool = False) -> str:
+    if other is not None:
+        return (
+            f"The gyro of {run} has a mean of {mean_deg_h:.4g} deg/h, that of {other} {others_deg_h:.4g} deg/h: the sign of one of "
+            f"the two is reversed. {_stated_alone('-deg/h')}"
+        )
+    others = "the training runs" if trained else "the other runs"
+    return (
+        f"{run}: its gyro has a mean of {mean_deg_h:.4g} deg/h, {others} {others_deg_h:.4g} deg/h: its sign is reversed. "
+        f"{_stated_alone('-deg/h')}"
+    )
+
+
+def _stated_alone(unit: str) -> str:
+    return (
+        "State it for that recording alone, in a file beside it of its name that ends in .yaml and instead of --map, as "
+        f"columns: {{gyro_deg_h: 'COLUMN [{unit}]'}} with the file's own name of the column, or leave the run out."
+    )
+
+
 TEXTS: Final = {
+    "unit_stated_otherwise": (
+        "its name {source!r} says {named}, and it is read in {unit} as stated; if the name is right, write '{source} [{named}]'"
+    ),
     # time
     "rows_without_time": "{rows} rows without a time left out",
     "time_too_coarse": (
@@ -447,13 +484,5 @@ TEXTS: Final = {
     "other_course": (
         "{run}, {column}: it departs by {departure_K:.3g} K rms from the course that {other} foretells by the other runs, as a "
         "thermometer that lost its sign, or another run's. Leave the column or the run out."
-    ),
-    "other_response": (
-        "{run}: its gyro follows the temperature {slope:.3g} times as in the other runs: the gyro has another sign or unit. State "
-        "it with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
-    ),
-    "other_sign": (
-        "{run}: its gyro has a mean of {mean_deg_h:.4g} deg/h, the other runs {others_deg_h:.4g} deg/h: its sign is reversed. "
-        "State it with --map, as gyro_deg_h='gyro_deg_h [-deg/h]', or leave the run out."
     ),
 }
