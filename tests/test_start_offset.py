@@ -80,3 +80,21 @@ def test_another_offset_is_refused(model: rlg.Compensator, tmp_path: Path) -> No
     result = CliRunner().invoke(app, ["compensate", str(tmp_path / "model"), "run.csv", "--offset", "none", "6", "--out", "x.csv"])
     assert result.exit_code == 2
     assert "zero-at-start" in result.output
+
+
+@pytest.mark.parametrize(("earth_deg_h", "keep_mean", "told"), [(11.2, False, True), (0.0, True, True), (0.0, False, False)])
+def test_earth_rate_that_the_offset_takes_away_is_told(
+    short_runs: list[rlg.Recording], earth_deg_h: float, keep_mean: bool, told: bool, tmp_path: Path
+) -> None:
+    runs = [shift(run, earth_deg_h) for run in short_runs]
+    model = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature", keep_mean=keep_mean).fit(runs[:2])
+    codes = [remark.code for remark in rlg.evaluate(model, runs[2:], compare=False, offset_s=600.0).remarks]
+    assert ("compensation.zeroed_with_earth_rate" in codes) is told
+    assert "compensation.zeroed_with_earth_rate" not in [one.code for one in rlg.evaluate(model, runs[2:], compare=False).remarks]
+    model.save(tmp_path / "model")
+    rlg.write(runs[2], tmp_path / "new.parquet")
+    model_and_run, out = (tmp_path / "model", tmp_path / "new.parquet"), tmp_path / "c.csv"
+    arguments = ["compensate", *model_and_run, "--offset", "zero-at-start", 600, "--out", out]
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == 0, result.output
+    assert ("Earth rate is lost" in " ".join(result.output.split())) is told

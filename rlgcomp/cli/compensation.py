@@ -409,6 +409,7 @@ def compensate(
     Example: `rlgcomp compensate models/unit-17 growing.csv --follow --out corrected.csv`
     """
     from rlgcomp.compensation.compensator import load
+    from rlgcomp.compensation.start_offset import on_start
     from rlgcomp.recording.formats import write
 
     offset_s = offset_seconds(offset)
@@ -438,6 +439,7 @@ def compensate(
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
     recording, remarks = _repaired_monitors(compensator, recording)
+    remarks += on_start(recording, compensator.gyro, offset_s, keep_mean=compensator.keep_mean)
     for remark in remarks:
         notify(remark.text)
     corrected = compensator.correct(recording, offset_s=offset_s)

@@ -12,10 +12,36 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compensation.training_remarks import MUCH_OF_EARTH_RATE, TURNING_STEADILY_DEG_H
 from rlgcomp.errors import InputError
+from rlgcomp.recording import Recording
+from rlgcomp.report.messages import Message, message
+from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
 ZERO_AT_START = "zero-at-start"  # as the command line names it
+
+
+def on_start(run: Recording, gyro: str | None, offset_s: float | None, *, keep_mean: bool) -> list[Message]:
+    """A message where zeroing the offset at the start removes what may be Earth rate, or the mean that a model is to keep.
+
+    Parameters
+    ----------
+    run : Recording
+    gyro : str, optional
+        Gyro column, where there are several.
+    offset_s : float, optional
+        Time from the first sample over which the offset is averaged; nothing is zeroed without it.
+    keep_mean : bool
+        Of the compensation.
+    """
+    if offset_s is None:
+        return []
+    mean_deg_h = float(np.mean(run.rate_deg_h(gyro)[run.time_s - run.time_s[0] < offset_s]))
+    much = MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H < abs(mean_deg_h) < TURNING_STEADILY_DEG_H
+    if not (keep_mean or much):
+        return []
+    return [message("compensation.zeroed_with_earth_rate", run=run.name, mean_deg_h=mean_deg_h, keep_mean=keep_mean)]
 
 
 @dataclasses.dataclass

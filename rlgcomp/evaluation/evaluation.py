@@ -18,6 +18,7 @@ import pandas as pd
 
 from rlgcomp.compensation.compensator import Compensator
 from rlgcomp.compensation.correction import other_unit, require_raw
+from rlgcomp.compensation.start_offset import on_start
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.evaluation.comparison import comparison_table, correlation_table
@@ -165,6 +166,7 @@ def evaluate(
     runs, remarks = [run for run, _ in screened], [outliers for _, messages in screened for outliers in messages]
     for run in runs:
         remarks += other_unit(compensator.provenance_, run.name, run.metadata.unit)
+        remarks += on_start(run, compensator.gyro, offset_s, keep_mean=compensator.keep_mean)
     for run in runs:
         for outliers in monitor_outliers(run):
             if outliers.column in compensator.pipeline_.columns:

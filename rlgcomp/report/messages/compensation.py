@@ -73,6 +73,14 @@ def parts_cancel(*, shares: Mapping[str, float]) -> str:
     )
 
 
+def zeroed_with_earth_rate(*, run: str, mean_deg_h: float, keep_mean: bool) -> str:
+    kept = ", and the model was trained to keep the mean (--keep-mean)" if keep_mean else ""
+    return (
+        f"{run}: the gyro's mean at the start, {mean_deg_h:.4g} deg/h, is removed as the run's offset; Earth rate is lost with "
+        f"it{kept}. Remove Earth rate from the recording first, or leave --offset out."
+    )
+
+
 def at_limits(*, parameters: Mapping[str, float]) -> str:
     values = " and ".join(f"{name} = {value:.3g}" for name, value in parameters.items())
     return (
