@@ -262,6 +262,14 @@ def test_daylight_saving_ends_and_begins() -> None:
     assert "clock_put_forward" in found
 
 
+def test_an_hour_by_which_a_utc_clock_is_put_back_is_no_daylight_saving() -> None:
+    """Stamps that say +00:00 have none, whatever put the clock back."""
+    moments = pd.Timestamp("2024-03-05T21:30:00Z") + pd.to_timedelta(60 * SECONDS - 3600 * (SECONDS > 99), unit="s")
+    time_s, found = repaired(pd.Series([moment.isoformat() for moment in moments]))
+    assert time_s == pytest.approx(60 * SECONDS)
+    assert "daylight" not in found["roll_over"].message.text
+
+
 def test_an_hour_that_is_missing_elsewhere_is_a_gap() -> None:
     moments = pd.Series(pd.Timestamp("2024-03-12") + pd.to_timedelta(60 * SECONDS + 3600 * (SECONDS > 99), unit="s"))
     time_s, found = repaired(moments)

@@ -1,4 +1,4 @@
-"""Clocks that begin again: counters of 16 and 32 bits, midnight, the GPS week, the hour of daylight saving."""
+"""Clocks that begin again: counters of 16 and 32 bits, midnight, the GPS week, an hour by which they are put back."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _CLOCKS: Final = (
     Clock("2^31 us", 2.0**31 * 1e-6),
     Clock("2^31 ms", 2.0**31 * 1e-3),
     Clock("12 hours", 0.5 * units.SECONDS_PER_DAY, anywhere=True, apart_s=0.45 * units.SECONDS_PER_DAY),
-    Clock("one hour, as daylight saving ends", units.SECONDS_PER_HOUR, anywhere=True, apart_s=300.0 * units.SECONDS_PER_DAY),
+    Clock("one hour, by which it was put back", units.SECONDS_PER_HOUR, anywhere=True, apart_s=300.0 * units.SECONDS_PER_DAY),
     Clock("2^16 ms", 2.0**16 * 1e-3, short=True),
     Clock("2^32 ns", 2.0**32 * 1e-9, short=True),
     Clock("the hour", units.SECONDS_PER_HOUR, short=True),
