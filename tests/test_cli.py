@@ -686,3 +686,31 @@ def test_an_interval_outside_the_run_is_refused(folder: Path, interval: str) -> 
     result = run("inspect", f"{folder / 'run1.parquet'}@{interval}")
     assert result.exit_code == 2
     assert "the run covers" in result.output
+
+
+def test_what_is_suggested_and_named_is_that_of_the_files(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    """Paths with blanks are quoted, files of one name in two folders are told apart, times have all their digits."""
+    for folder in ("cold run", "hot run"):
+        (tmp_path / folder).mkdir()
+        rlg.write(short_runs[0], tmp_path / folder / "run.parquet")
+    one, other = (tmp_path / folder / "run.parquet" for folder in ("cold run", "hot run"))
+    text = " ".join(refused("train", one, other, "--out", tmp_path / "m").split())
+    assert f"{other} holds rows of {one}" in text
+    assert "runs[" not in text
+    done = run("train", one, "--model", "cubic", "--out", tmp_path / "my model")
+    assert done.exit_code == 0, done.output
+    assert f"rlgcomp evaluate '{tmp_path / 'my model'}'" in " ".join(done.output.split())
+    late = short_runs[0].replace(table=short_runs[0].table.assign(time_s=short_runs[0].time_s + 4287770.0))
+    rlg.write(late, tmp_path / "late.parquet")
+    assert f"covers {late.time_s[0]:.0f} to {late.time_s[-1]:.0f} s" in " ".join(
+        refused("inspect", f"{tmp_path / 'late.parquet'}@2000:14000").split()
+    )
+
+
+def test_a_thermometer_that_was_not_mapped_is_suggested(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    monitors = short_runs[0].table[["time_s", "gyro_deg_h", "temperature_block_degC", "pressure_hPa"]]
+    monitors.rename(columns={"temperature_block_degC": "T_block_K", "pressure_hPa": "pressure"}).to_csv(
+        tmp_path / "a.csv", index=False
+    )
+    text = " ".join(refused("train", tmp_path / "a.csv", "--out", tmp_path / "m").split())
+    assert "or map a temperature, here probably with --map temperature_block_degC=T_block_K" in text

@@ -189,6 +189,7 @@ def read_runs(
     InputError
         A file cannot be used, or no file has a column that is mapped.
     """
+    from rlgcomp.recording.argument_checks import with_distinct_names
     from rlgcomp.recording.formats import column_names, read
     from rlgcomp.recording.formats.mapping import has_column, parse_mapping, require_mapped
 
@@ -228,7 +229,7 @@ def read_runs(
             advance(done, len(specs))
     for first, *others in once.values():
         notify(f"{first}; likewise in {len(others)} of {len(specs) - 1} other runs" if others else first)
-    return recordings
+    return with_distinct_names(specs, recordings)
 
 
 def compared(recordings: Sequence[Any], gyro: str | None = None) -> list[Any]:
@@ -414,12 +415,13 @@ def _require_rows(recording: Any, interval: tuple[float, float], spec: str) -> N
     if interval[0] >= interval[1]:
         after = "after" if interval[0] > interval[1] else "at"
         raise InputError(
-            f"{spec}: START, {interval[0]:g} s, is {after} STOP, {interval[1]:g} s; write the smaller first; the run "
-            f"covers {start:g} to {stop:g} s"
+            f"{spec}: START, {interval[0]:.10g} s, is {after} STOP, {interval[1]:.10g} s; write the smaller first; the run "
+            f"covers {start:.10g} to {stop:.10g} s"
         )
     if interval[1] <= start or interval[0] > stop:
         raise InputError(
-            f"{spec}: nothing lies between {interval[0]:g} and {interval[1]:g} s; the run covers {start:g} to {stop:g} s"
+            f"{spec}: nothing lies between {interval[0]:.10g} and {interval[1]:.10g} s; the run covers {start:.10g} to "
+            f"{stop:.10g} s"
         )
 
 

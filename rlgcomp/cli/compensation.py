@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import glob
 import os
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -219,7 +220,7 @@ def train(
             [
                 {"": "before, deg/h", " ": f"{summary['before_rms_deg_h']:.3g}"},
                 {
-                    "": f"with {'runs' if adapt is None else 'units'} left out, deg/h",
+                    "": f"with {'runs' if adapt is None else 'units'} left out, rms, deg/h",
                     " ": "–" if rmse is None else f"{summary['left_out_rms_deg_h']:.3g}",
                 },
                 {"": "90 % interval, ± deg/h", " ": f"{summary['half_width_deg_h']:.3g}" if known else "not known from these runs"},
@@ -239,7 +240,7 @@ def train(
             show_table("What each part does in training", shown)
         for title, rows in () if exported is None else exported.tables:
             show_table(title, rows)
-        notify(f"{out}: written; `rlgcomp evaluate {out} RUN... --out REPORT` tests it on runs it has not seen")
+        notify(f"{out}: written; `rlgcomp evaluate {shlex.quote(str(out))} RUN... --out REPORT` tests it on runs it has not seen")
 
 
 def _saved(compensator: Compensator, out: Path, export: Path | None, recordings: list[Recording]) -> Exported | None:

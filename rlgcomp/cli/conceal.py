@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -85,10 +86,11 @@ def conceal(
     )
     if seed is not None:
         notify(f"made with --seed {seed}: whoever knows or guesses it can make the challenge again; leave it out for a secret one")
-    runs = f"--train {out}/train*.parquet --test {out}/test*.parquet"
-    runs += f" --mechanisms {' '.join(map(str, mechanisms))}" if mechanisms else ""
-    notify(f"next: rlgcomp diagnose --simulator {out / SIMULATOR} {runs} --out DIAGNOSIS")
-    notify(f"then: rlgcomp reveal {out} DIAGNOSIS")
+    folder = shlex.quote(str(out))
+    runs = f"--train {folder}/train*.parquet --test {folder}/test*.parquet"
+    runs += f" --mechanisms {shlex.join(map(str, mechanisms))}" if mechanisms else ""
+    notify(f"next: rlgcomp diagnose --simulator {shlex.quote(str(out / SIMULATOR))} {runs} --out DIAGNOSIS")
+    notify(f"then: rlgcomp reveal {folder} DIAGNOSIS")
 
 
 @command("reveal")

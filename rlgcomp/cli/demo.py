@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -111,7 +112,8 @@ def demo(
         "  simulator.yaml          the gyro they came from\n"
         f"  diagnosis/report.html   what the simulator lacked without {concealed}\n"
         "  diagnosis/              that simulator, diagnosis.json, and augmented.yaml: the simulator with the findings\n"
-        f"rlgcomp evaluate {out}/model {out}/held-out.parquet --out report  # the same run by other features and models"
+        f"rlgcomp evaluate {shlex.join([f'{out}/model', f'{out}/held-out.parquet'])} --out report  # the same run by other "
+        "features and models"
     )
 
 

@@ -206,14 +206,12 @@ def _runs(
     specs: Sequence[str], simulated: Sequence[str] | None, gyro: str | None, reading: Reading
 ) -> tuple[list[Recording], list[Recording] | None]:
     """Runs as the options of reading state, and simulated ones beside them, each by a name of its own."""
-    from rlgcomp.recording.argument_checks import with_distinct_names
-
     mapping, drop, pulse_arcsec, calibration, period_s = reading
     runs = read_runs(specs, mapping, drop, pulse_arcsec, calibration, gyro=gyro, also=simulated or (), period_s=period_s)
     own = None
     if simulated:
         own = read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
-    return with_distinct_names(specs, runs), None if own is None or simulated is None else with_distinct_names(simulated, own)
+    return runs, own
 
 
 def _mapped_output(output: str | None, specs: Sequence[str]) -> list[str]:

@@ -44,7 +44,7 @@ def models(
                 "inputs": str(entry.inputs),
                 "gyro": entry.units,
                 "hours": entry.hours,
-                "left out, deg/h": float("nan") if entry.left_out_rms_deg_h is None else entry.left_out_rms_deg_h,
+                "left out, rms, deg/h": float("nan") if entry.left_out_rms_deg_h is None else entry.left_out_rms_deg_h,
                 "90 % ±, deg/h": entry.half_width_deg_h,
                 "kB": entry.bytes / 1024.0,
                 "code": ", ".join(entry.code),

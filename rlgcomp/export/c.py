@@ -104,7 +104,7 @@ class CExport:
         shown = {
             "centres": f"{row['centres']:.0f}",
             "tables, bytes": f"{row['table_bytes']:.0f}",
-            "left out, deg/h": f"{row['left_out_deg_h']:.6f}",
+            "left out, std, deg/h": f"{row['left_out_deg_h']:.6f}",
             "loss": f"{100.0 * row['left_out_loss']:+.2g} %",
         }
         for judge, runs in _JUDGES.items():

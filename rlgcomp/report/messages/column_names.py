@@ -46,6 +46,7 @@ _LABEL: Final = re.compile(
     r"[a-d]|[nxyz]|\d+|left|right|raw|out(put)?|sum|diff|delta|num(ber)?|axis|ch(annel)?|signal|sensor|rlg|angular|ref(erence)?|other",
     re.IGNORECASE,
 )
+_THERMOMETER: Final = re.compile(r"(?i:temp|therm|pt[\W_]?1000?(?!\d))|^(T|TC)(?=[\W_\dA-Z]|$)")
 _COUNTER: Final = re.compile(r"count|zähler|sample|tick", re.IGNORECASE)  # of samples rather than of pulses
 _PULSES: Final = re.compile(r"puls|count|impuls|zähl|zahl|tick|импульс|脉冲|パルス", re.IGNORECASE)
 
@@ -168,9 +169,11 @@ def suggested_temperature(columns: Sequence[str]) -> str:
 
     >>> suggested_temperature(["time_s", "T_block [degC]"]), suggested_temperature(["Temp_1"]), suggested_temperature(["heater"])
     ("--map temperature_block_degC='T_block [degC]'", '--map temperature_block_degC=Temp_1', '')
+    >>> suggested_temperature(["pressure", "T_block_K"]), suggested_temperature(["TC_case"]), suggested_temperature(["Torque"])
+    ('--map temperature_block_degC=T_block_K', '--map temperature_block_degC=TC_case', '')
     """
     stated = [column for column in columns if _unit_of(column, "degC")]
-    named = [column for column in columns if "temp" in column.lower()]
+    named = [column for column in columns if _THERMOMETER.search(column) and not resistance_unit(column)]
     chosen = next(iter(stated + named), None)
     return "" if chosen is None else mapped("temperature_block_degC", chosen)
 
