@@ -90,3 +90,13 @@ def test_monitors_tell_the_clock_themselves() -> None:
     assert all(one.taken_out for one in found.alignment)
     assert found.verdict == "none"
     assert not clock(found)
+
+
+def test_a_simulation_of_another_part_of_time_is_no_clock_that_is_off() -> None:
+    """Further off than any clock that is tried, as where the files are those of other runs."""
+    found = diagnosed((8000.0, 8000.0))
+    assert not clock(found)
+    first = found.remarks[0]
+    assert first.code == "diagnosis.clock_beyond_its_runs"
+    assert max(map(abs, first.data["offsets_s"].values())) > first.data["most_s"]
+    assert "--simulated" in first.text

@@ -63,8 +63,7 @@ def clock_regions(data: Data, design: Array, column: str) -> Iterator[Region]:
         The simulated output.
     """
     window_s = data.runs[0].grid.window_s
-    shortest_s = min(run.bins * run.grid.bin_s for run in data.runs)
-    low, high = 0.5 * window_s, priors.CLOCK_OFFSET * shortest_s
+    low, high = 0.5 * window_s, largest_offset_s(data)
     sizes_s = np.geomspace(low, high, max(2, round(math.log(high / low) / math.log(_RATIO)) + 1))
     names, noise = tuple(run.name for run in data.runs), white_noise(data, design)
     offsets = [Offset(column, float(sign * size_s)) for size_s in sizes_s for sign in (1.0, -1.0)]
@@ -76,6 +75,11 @@ def clock_regions(data: Data, design: Array, column: str) -> Iterator[Region]:
     shown = tuple(form for form in forms if form is not None)
     if shown:
         yield Region(CLOCK, None, math.log(priors.CLOCK_ODDS), shown, memory="dynamic", nuisance=True)
+
+
+def largest_offset_s(data: Data) -> float:
+    """Of a clock that is tried: a simulation that is off by more covers another run."""
+    return priors.CLOCK_OFFSET * min(run.bins * run.grid.bin_s for run in data.runs)
 
 
 def _form(data: Data, design: Array, basis: Basis, equation: str, noise: float, share: float) -> Form | None:

@@ -18,7 +18,7 @@ from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays, rest_of
 from rlgcomp.diagnosis.noise.errors import within
 from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
-from rlgcomp.diagnosis.regions.clocks import CLOCK
+from rlgcomp.diagnosis.regions.clocks import CLOCK, largest_offset_s
 from rlgcomp.diagnosis.regions.lateness import LATE, LATE_MONITOR, LATE_THERMOMETER
 from rlgcomp.diagnosis.regions.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.regions.passages import scatter_of
@@ -122,6 +122,7 @@ def _errors(score: Score) -> dict[str, Any]:
 def remarks(record: Record) -> tuple[Message, ...]:
     """Remarks beside headline and gain, the most consequential first."""
     every = (
+        *_other_runs(record),
         *_worse(record),
         *record.warnings,
         *_doubts(record),
@@ -140,6 +141,14 @@ def remarks(record: Record) -> tuple[Message, ...]:
         *record.preparation,
     )
     return by_consequence(every)
+
+
+def _other_runs(record: Record) -> Iterator[Message]:
+    """Simulated runs that are none of the recorded ones, as a clock further off tells than any that is tried."""
+    offsets_s, sds_s = _by_run(record.recalibration.get(CLOCK, {}))
+    most_s = largest_offset_s(record.after.data)
+    if max(map(abs, offsets_s.values()), default=0.0) > most_s:
+        yield message("diagnosis.clock_beyond_its_runs", offsets_s=offsets_s, sds_s=sds_s, most_s=most_s)
 
 
 def _doubts(record: Record) -> Iterator[Message]:
@@ -240,7 +249,7 @@ def _baseline(record: Record) -> Iterator[Message]:
         if record.test is not None and record.verdict != "none":
             about = {"improvement": record.test.improvement_std, "interval": record.test.improvement_std_ci95}
         yield message("diagnosis.run_biases", biases=biases, sds=sds, unit=record.unit, **about)
-    if CLOCK in found:
+    if CLOCK in found and not any(_other_runs(record)):
         offsets_s, sds_s = _by_run(found[CLOCK])
         yield message("diagnosis.clock_of_all_runs", offsets_s=offsets_s, sds_s=sds_s)
     for key, of_runs in found.items():

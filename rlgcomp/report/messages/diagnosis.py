@@ -427,6 +427,14 @@ def clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]
     )
 
 
+def clock_beyond_its_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float], most_s: float) -> str:
+    return (
+        f"No clock that is off by up to {most_s:.4g} s makes the simulated runs follow the recorded ones, and one further off does "
+        f"({_by_run(offsets_s, sds_s, 's')}): are the files of --simulated of these runs, those of --train first, then those of "
+        "--confirm and --test, each in the order of the runs? If they are not, nothing that is told here holds."
+    )
+
+
 _READINGS: Final = {
     "angle": "the gyro does not follow it: {instead} is used instead, which it follows at least twice as closely",
     "middle": "as where it is read in the middle of each sample",
