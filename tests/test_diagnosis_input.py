@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import rlgcomp as rlg
@@ -282,3 +283,19 @@ def test_places_are_names_of_those_alone_that_share_one() -> None:
     named = told_apart({"train": [*same, runs[1]], "test": same[:1]})
     assert [[run.name for run in part] for part in named] == [["train[0]", "train[1]", runs[1].name], ["test[0]"]]
     assert all(run.table.equals(other.table) for run, other in zip([*same, runs[1], same[0]], [*named[0], *named[1]], strict=True))
+
+
+def test_recordings_of_another_quantity_need_no_gyro(tmp_path: Path) -> None:
+    """As files of a test bench have none; the law is that of the column that drives it."""
+    rng, runs = np.random.default_rng(0), []
+    for k in range(3):
+        drive = 0.05 * np.cumsum(rng.standard_normal(2000))
+        flow = 2.0 * drive + 0.3 * drive * np.abs(drive) + 0.1 * rng.standard_normal(2000)
+        path = tmp_path / f"run{k}.csv"
+        pd.DataFrame({"time_s": np.arange(2000.0), "flow_l_min": flow, "drive_V": drive}).to_csv(path, index=False)
+        runs.append(rlg.read(path, gyro_required=False))
+    found = rlg.diagnose(lambda run: 2.0 * run.column("drive_V"), runs[:2], runs[2:], output="flow_l_min", black_box=False)
+    (law,) = found.laws
+    assert law.drivers == ("drive_V",)
+    assert found.test is not None
+    assert found.test.augmented_rms < 0.2 * found.test.baseline_rms

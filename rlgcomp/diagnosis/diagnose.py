@@ -103,6 +103,8 @@ def diagnose(
     train, test = require_recordings(train, "train"), require_recordings(test, "test") if test else []
     confirm, seed = require_recordings(confirm, "confirm") if confirm else [], require_seed(seed)
     train, confirm, test = told_apart({"train": train, "confirm": confirm, "test": test})
+    if output is not None:
+        train, confirm, test = ([_with_a_gyro(run) for run in runs] for runs in (train, confirm, test))
     tell = progress or (lambda fraction: None)
     candidates = _candidates(mechanisms, without, only)
     runs = Prepared.of(simulator, simulated, train, confirm, test, gyro=gyro, output=output)
@@ -206,6 +208,13 @@ def _measured(noise: NoiseModel | None, output: str | None) -> NoiseModel | None
     if noise.angle_random_walk_deg_sqrt_h == 0.0:
         raise InputError("the noise has no angle_random_walk_deg_sqrt_h; the other noises are judged beside it")
     return dataclasses.replace(noise, measured=True)
+
+
+def _with_a_gyro(run: Recording) -> Recording:
+    """A recording of another quantity that has no gyro, with one of zeros, which takes no part."""
+    if run.gyro_columns:
+        return run
+    return Recording(run.table.assign(gyro_deg_h=0.0), run.metadata, name=run.name, findings=run.findings)
 
 
 def _candidates(
