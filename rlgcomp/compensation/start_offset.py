@@ -12,11 +12,10 @@ import dataclasses
 import numpy as np
 import numpy.typing as npt
 
-from rlgcomp.compensation.training_remarks import MUCH_OF_EARTH_RATE, TURNING_STEADILY_DEG_H
+from rlgcomp.compensation.training_remarks import may_hold_earth_rate
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.report.messages import Message, message
-from rlgcomp.units import EARTH_RATE_DEG_H
 
 Array = npt.NDArray[np.float64]
 ZERO_AT_START = "zero-at-start"  # as the command line names it
@@ -38,8 +37,7 @@ def on_start(run: Recording, gyro: str | None, offset_s: float | None, *, keep_m
     if offset_s is None:
         return []
     mean_deg_h = float(np.mean(run.rate_deg_h(gyro)[run.time_s - run.time_s[0] < offset_s]))
-    much = MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H < abs(mean_deg_h) < TURNING_STEADILY_DEG_H
-    if not (keep_mean or much):
+    if not (keep_mean or may_hold_earth_rate(mean_deg_h)):
         return []
     return [message("compensation.zeroed_with_earth_rate", run=run.name, mean_deg_h=mean_deg_h, keep_mean=keep_mean)]
 

@@ -20,7 +20,7 @@ TABLE_RATE: Final = "table_rate_deg_s"
 TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
 TURNING_STEADILY_DEG_H: Final = 3600.0  # mean that no bias has: 1 deg/s
 BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
-MUCH_OF_EARTH_RATE: Final = 0.1
+_MUCH_OF_EARTH_RATE: Final = 0.1
 
 
 def on_turning(scaling: Scaling, columns: Sequence[str]) -> list[Message]:
@@ -71,10 +71,14 @@ def on_errors_below_noise(
     return [message("compensation.below_noise", left_out_rms_deg_h=left_out, noise_deg_h=noise)]
 
 
+def may_hold_earth_rate(mean_deg_h: float) -> bool:
+    """Whether a mean is larger than most biases, and less than that of a gyro that turns steadily."""
+    return _MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H < abs(mean_deg_h) < TURNING_STEADILY_DEG_H
+
+
 def warn_of_earth_rate(mean_deg_h: float, runs: Sequence[Recording]) -> None:
     """Log a warning where the mean of the training runs, which is subtracted with the bias, may hold Earth rate."""
-    much = MUCH_OF_EARTH_RATE * EARTH_RATE_DEG_H < abs(mean_deg_h) < TURNING_STEADILY_DEG_H
-    if much and runs[0].metadata.kind != "turntable":
+    if may_hold_earth_rate(mean_deg_h) and runs[0].metadata.kind != "turntable":
         logger.warning(
             "the mean of the training runs is %.4g deg/h, which may hold Earth rate; it is subtracted with the bias. "
             "Use --keep-mean to keep it",

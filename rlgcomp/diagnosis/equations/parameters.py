@@ -68,7 +68,7 @@ class _Nearest(NamedTuple):
     columns: Array
 
 
-def _nearest(fit: Fit, k: int, columns: Array, beside: Array | None = None) -> _Nearest:
+def _nearest(fit: Fit, k: int, columns: Array, *beside: Array) -> _Nearest:
     """Coefficients of window means of columns with which they come nearest to the k-th member.
 
     Parameters
@@ -76,11 +76,11 @@ def _nearest(fit: Fit, k: int, columns: Array, beside: Array | None = None) -> _
     fit : Fit
     k : int
     columns : ndarray, shape (n, e)
-    beside : ndarray, shape (n, h), optional
+    beside : ndarray, shape (n, h)
         Columns of the member that are no part of the equation, as of what was before a run.
     """
     e, covariance = columns.shape[1], fit.covariance(k)
-    columns = columns if beside is None else np.hstack([columns, beside])
+    columns = np.hstack([columns, *beside])
     projected = fit.projected(np.hstack([columns, *(scale * fit.bank.columns(basis) for basis, scale in fit.parts[k][1])]))
     if runs := runs_of(fit.parts[k][0].form):  # the constant of some runs is not the baseline's
         constant = fit.projected(fit.data.means(lambda run: np.full((run.bins, 1), float(run.name in runs))))
@@ -104,10 +104,6 @@ def _of_history(basis: Basis) -> bool:
     return isinstance(basis, EachRun) and isinstance(basis.basis, Undecided)
 
 
-def _columns_of(bases: Sequence[Basis]) -> Callable[[Run], Array]:
-    return lambda run: np.hstack([np.empty((run.bins, 0)), *(basis.columns(run) for basis in bases)])
-
-
 def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str, Estimate], tuple[str, ...]]:
     """Amplitudes and nonlinear parameters of the k-th member in the mechanism's own names; none where its equation is another.
 
@@ -116,11 +112,12 @@ def of_mechanism(fit: Fit, k: int, mechanism: type[Mechanism]) -> tuple[dict[str
     member, bases = fit.parts[k]
     if bases and not by_run(member.form) and (orders := together(member.form.lead)) is not None:
         return _of_each_order(fit, k, orders)
-    lead, *histories = member.form.lead or (None,)
-    of_equation = lead is not None and lead.of_mechanism and all(_of_history(basis) for basis in histories)
-    if not bases or lead is None or not of_equation or by_run(member.form):
+    if not bases or not member.form.lead or by_run(member.form):
         return {}, ()
-    found = _nearest(fit, k, fit.bank.columns(lead), fit.data.means(_columns_of(histories)))
+    lead, *histories = member.form.lead
+    if not lead.of_mechanism or not all(_of_history(basis) for basis in histories):
+        return {}, ()
+    found = _nearest(fit, k, *(fit.bank.columns(basis) for basis in member.form.lead))
     if not found.holds:
         return {}, tuple(p.name for p in mechanism().amplitude_parameters()[:1] if found.columns.shape[1] == 1)
     shapes = {
