@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -60,6 +62,20 @@ def test_each_input_left_out_has_a_remark_with_the_run_that_would_tell() -> None
     assert all(remark.data["company"] == "temperature" for remark in remarks)
     assert "turns" in remarks[-1].data["telling_run"]
     assert "both warms and cools" in remarks[0].data["telling_run"]  # between runs, turn-on biases differ as well
+
+
+def test_a_run_that_cools_is_told_where_training_only_warmed(tmp_path: Path) -> None:
+    """Else the interval of two warm-ups is believed where no input that is used leaves its range. Also from the saved model."""
+    model = rlg.Compensator().fit([run(warm_up(20.0, 30.0), 1), run(warm_up(22.0, 28.0), 2)])
+    model.save(tmp_path / "model")
+    for one in (model, rlg.load(tmp_path / "model")):
+        for temperature, beyond in ((warm_up(48.0, -26.0), ["temperature_rate"]), (warm_up(21.0, 27.0), [])):
+            remarks = [
+                remark
+                for remark in rlg.evaluate(one, [run(temperature, 3)], compare=False).remarks
+                if remark.code == "evaluation.untold"
+            ]
+            assert [group for remark in remarks for group in remark.data["inputs"] if group == "temperature_rate"] == beyond
 
 
 def test_runs_up_and_down_keep_all_groups(short_runs: list[rlg.Recording]) -> None:

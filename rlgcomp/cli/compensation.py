@@ -441,6 +441,7 @@ def compensate(
     _require_the_same_calibration(compensator, [recording])
     recording, remarks = _repaired_monitors(compensator, recording)
     remarks += on_start(recording, compensator.gyro, offset_s, keep_mean=compensator.keep_mean)
+    remarks += compensator.untold_.remarks(recording)
     for remark in remarks:
         notify(remark.text)
     corrected = compensator.correct(recording, offset_s=offset_s)

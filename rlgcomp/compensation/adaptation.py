@@ -35,6 +35,7 @@ from rlgcomp.compensation.correction import require_distinct, require_raw
 from rlgcomp.compensation.interval import Interval
 from rlgcomp.compensation.models.cubic import CubicLeastSquares
 from rlgcomp.compensation.selection import Selection
+from rlgcomp.compensation.untold_inputs import UntoldInputs
 from rlgcomp.compensation.window_means import WindowMeans, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
@@ -160,7 +161,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
         low=np.minimum(compensator.scaling_.low, samples.min(axis=0)),
         high=np.maximum(compensator.scaling_.high, samples.max(axis=0)),
     )
-    new.unused_ = {}
+    new.unused_, new.untold_ = {}, UntoldInputs()
     new.gyro_, new.schema_ = compensator.gyro_, compensator.schema_
     new.model_ = basis.model(population.adapted(design, target))
     scale_deg_h = compensator.scaling_.y_scale_deg_h

@@ -38,6 +38,7 @@ from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.compensation.prediction import Prediction
 from rlgcomp.compensation.selection import Progress, Selection, select
 from rlgcomp.compensation.training_remarks import on_errors_below_noise, on_interval, on_turning, warn_of_earth_rate
+from rlgcomp.compensation.untold_inputs import UntoldInputs
 from rlgcomp.compensation.window_means import BLOCKS_OF_ONE_RUN, Scaling, run_labels, scaled_rows, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
@@ -93,6 +94,8 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
         The training runs.
     unused_ : dict of str to float
         Monitors that "all" did not use, and the relative change in mean square error over runs left out that each would bring.
+    untold_ : UntoldInputs
+        Inputs that "all" could not tell apart, with their ranges.
     provenance_ : list of dict
         Metadata of the training runs.
     remarks_ : tuple of Message
@@ -192,11 +195,12 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
         samples = [self.pipeline_.transform(run).to_numpy()[run.scored] for run in runs]
         self.training_ = tuple(window_means(run, self.pipeline_, self.averaging_s, self.gyro) for run in runs)
         self.unused_: dict[str, float] = {}
+        self.untold_ = UntoldInputs()
         not_told_apart: list[Message] = []
         if "all" in feature_names(self.features):
             chosen = ChosenInputs.of(self.pipeline_, self.training_, samples, further)
             self.pipeline_, self.training_, samples = chosen.pipeline, chosen.training, chosen.samples
-            self.unused_, not_told_apart = chosen.unused, chosen.remarks
+            self.unused_, self.untold_, not_told_apart = chosen.unused, chosen.untold, chosen.remarks
         hybrid = HybridInputs.of(self.physics, runs, self.pipeline_, self.training_, samples, self.averaging_s, self.gyro)
         self.pipeline_, self.training_, samples = hybrid.pipeline, hybrid.training, hybrid.samples
         self.gyro_ = runs[0].gyro_column(self.gyro)

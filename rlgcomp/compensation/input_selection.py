@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.feature_pipeline import DYNAMIC, FeatureRecipe
+from rlgcomp.compensation.untold_inputs import UntoldInputs
 from rlgcomp.compensation.window_means import WindowMeans
 from rlgcomp.report.messages import Message, message
 
@@ -73,14 +74,17 @@ class ChosenInputs:
         Features of every sample of each run.
     unused : dict of str to float
         Relative gain in mean square error over runs left out of each further monitor that is not used.
+    untold : UntoldInputs
+        Those that training cannot tell apart.
     remarks : list of Message
-        On the inputs that training cannot tell apart.
+        On them.
     """
 
     pipeline: FeatureRecipe
     training: tuple[WindowMeans, ...]
     samples: list[Array]
     unused: dict[str, float]
+    untold: UntoldInputs
     remarks: list[Message]
 
     @classmethod
@@ -106,6 +110,7 @@ class ChosenInputs:
             tuple(dataclasses.replace(part, X=np.ascontiguousarray(part.X[:, used])) for part in training),
             [values[:, used] for values in samples],
             {column: gain for column, gain in selection.gains.items() if column not in chosen.columns},
+            UntoldInputs.of(pipeline, selection.not_told_apart, samples),
             remarks_on(pipeline, selection),
         )
 
@@ -149,12 +154,13 @@ def select_inputs(pipeline: FeatureRecipe, training: Sequence[WindowMeans], furt
 
 
 def remarks_on(pipeline: FeatureRecipe, selection: InputSelection) -> list[Message]:
-    """A remark on each feature that training cannot tell apart from the others, with the run that would."""
+    """A remark on each feature that training cannot tell apart from the others, with the run that would, and what follows."""
     groups = [pipeline.features[k].group for k in selection.not_told_apart]
     company = ", ".join(dict.fromkeys(pipeline.features[k].group for k in selection.used))
-    return [
+    remarks = [
         message("compensation.not_told_apart", group=group, company=company, telling_run=_TELLING_RUN[group]) for group in groups
     ]
+    return [*remarks, message("compensation.like_runs_alone", groups=groups)] if groups else []
 
 
 def _overlap(values: Array, runs: npt.NDArray[np.int64]) -> bool:

@@ -24,6 +24,7 @@ from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.compensation.models.lssvm_search import selected_text
 from rlgcomp.compensation.models.specification import ModelSpecification, finite
 from rlgcomp.compensation.selection import Selection
+from rlgcomp.compensation.untold_inputs import UntoldInputs
 from rlgcomp.compensation.window_means import Scaling, WindowMeans
 from rlgcomp.errors import InputError
 from rlgcomp.recording import is_gyro
@@ -54,6 +55,7 @@ class Fitted(Protocol):
     provenance_: list[dict[str, Any]]
     remarks_: tuple[Message, ...]
     unused_: dict[str, float]
+    untold_: UntoldInputs
     schema_: str
 
     def run_labels(self) -> npt.NDArray[np.int64]: ...
@@ -92,6 +94,7 @@ def manifest_of(compensator: Fitted) -> dict[str, Any]:
         "averaging_s": compensator.averaging_s,
         "selection": {"best": compensator.selection_.best, "rmse": compensator.selection_.rmse},
         "interval": compensator.interval_.to_mapping(),
+        "not_told_apart": compensator.untold_.to_mapping(),
         **({"physics": _physics(compensator)} if scaling.linear else {}),
         "runs": compensator.provenance_,
         "remarks": [remark.to_mapping() for remark in compensator.remarks_],
@@ -199,6 +202,7 @@ def _restored(saved: artefact.Artefact, make: Callable[..., Compensation]) -> Co
     compensator.selection_ = Selection(dict(selection["best"]), rmse, saved.selection)
     compensator.provenance_ = [{**run, "hours": finite(run["hours"], "hours", low=0.0)} for run in manifest["runs"]]
     compensator.schema_, compensator.unused_ = manifest["schema"], {}
+    compensator.untold_ = UntoldInputs.from_mapping(manifest.get("not_told_apart", {}))
     compensator.remarks_ = tuple(Message.from_mapping(remark) for remark in manifest.get("remarks", []))
     if manifest["schema"] == artefact.SCHEMA:
         compensator.interval_ = Interval.from_mapping(manifest["interval"])

@@ -167,6 +167,7 @@ def evaluate(
     for run in runs:
         remarks += other_unit(compensator.provenance_, run.name, run.metadata.unit)
         remarks += on_start(run, compensator.gyro, offset_s, keep_mean=compensator.keep_mean)
+        remarks += compensator.untold_.remarks(run)
     for run in runs:
         for outliers in monitor_outliers(run):
             if outliers.column in compensator.pipeline_.columns:

@@ -149,6 +149,9 @@ TEXTS: Final = {
     "not_told_apart": (
         "{group} is not used: these runs cannot tell its effect apart from that of {company}. A run that {telling_run} would."
     ),
+    "like_runs_alone": (
+        "The bias and its interval are for runs whose temperature goes as in these; in others the effect of {groups} is in neither."
+    ),
     "no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "
         "on {parts} that it has not seen this model is worse than none. Test it on other {parts} with rlgcomp evaluate before it "

@@ -12,6 +12,14 @@ def out_of_range(run: str, percent: float, inputs: list[str]) -> str:
     return f"{run}: {percent:.0f} % of the samples lie outside the training range{which}; the model extrapolates."
 
 
+def untold(run: str, percent: float, inputs: list[str]) -> str:
+    go, they_do = ("goes", "it does") if len(inputs) == 1 else ("go", "they do")
+    return (
+        f"{run}: for {percent:.0f} % of this run {listing(inputs)} {go} where no training run went, and training could not tell "
+        f"what {they_do}: that is neither in the bias nor in its interval. Train on a run like this one as well."
+    )
+
+
 TEXTS: Final = {
     "windows_left_out": (
         "{run}: {left_out} of {windows} windows are left out, because less than {percent:.0f} % of their samples are there; all "
