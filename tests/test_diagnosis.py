@@ -22,7 +22,7 @@ from rlgcomp.diagnosis.diagnose import Diagnosis, diagnose
 from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.closed_form import Evidence, Member
 from rlgcomp.diagnosis.evidence.screen import Layout, Screen
-from rlgcomp.diagnosis.evidence.variants import gains
+from rlgcomp.diagnosis.evidence.variants import gains, gains_of_moves
 from rlgcomp.diagnosis.forms.bases import Basis, Power, Product, Smooth
 from rlgcomp.diagnosis.forms.drivers import Driver, Path, lagged
 from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays, relays
@@ -314,6 +314,30 @@ def test_forms_together_have_the_evidence_that_each_has_alone(data: Data) -> Non
             for form, row in zip(some, table, strict=True):
                 alone = [evidence.log_evidence((*members, Member(form, size))) for size in priors.SIZES]
                 assert row == pytest.approx(alone, abs=1e-3)
+
+
+@pytest.mark.parametrize("departures", [0, 8])
+def test_a_sum_of_relays_has_the_evidence_that_it_has_alone_where_one_moves(data: Data, departures: int) -> None:
+    """A form of many leading bases is decomposed once for all moves; beside a set, with a move to what the baseline has."""
+    driver = Driver.of(data, "temperature_block_degC")
+    path = Path(Driver.of(data, "supply_voltage_V"))
+    lead = tuple(Relays(driver, (up,), (up - 0.2,)) for up in np.linspace(-0.6, 0.7, 7))
+    form = Form("loop", "relays", lead, (Smooth(path, 0.5, departures),) if departures else ())
+    moves = [
+        *((k, one) for k, basis in enumerate(lead) for one in basis.nearby(0.5)),
+        (2, lead[3]),
+        (4, Relays(driver, (9.0,), (8.0,))),
+    ]
+    bank = Bank(data, np.ones((len(data), 1)))
+    bank.prepare([form])
+    evidence = Evidence(bank, Noise(flicker=0.35, walk=1.0), 0.0)
+    for members in ((), (Member(Form("line", "b = k u", (Power(path),)), 5.4),)):
+        table = gains_of_moves(evidence.given(members), form, moves)
+        assert np.all(table[-1] == -np.inf)
+        assert len(moves) > 20
+        for move, row in zip(moves[:-1], table[:-1], strict=True):
+            alone = [evidence.log_evidence((*members, Member(form.moved(*move), size))) for size in priors.SIZES]
+            assert row == pytest.approx(alone, abs=1e-6)
 
 
 def test_many_columns_are_whitened_as_few_are(data: Data) -> None:

@@ -158,7 +158,11 @@ class Bank:
 
     def prepare(self, forms: Iterable[Form], *, hold: bool = False) -> None:
         """Compute the squares of all bases of some forms together, and hold their reduced columns where so is asked."""
-        bases = list(dict.fromkeys(basis for form in forms for basis in form.bases if basis not in self._squares))
+        self.prepare_bases((basis for form in forms for basis in form.bases), hold=hold)
+
+    def prepare_bases(self, wanted: Iterable[Basis], *, hold: bool = False) -> None:
+        """The same of bases."""
+        bases = list(dict.fromkeys(basis for basis in wanted if basis not in self._squares))
         for first in range(0, len(bases), _TOGETHER):
             some = bases[first : first + _TOGETHER]
             self._prepare(some, self.columns_together(some), hold)
@@ -181,6 +185,11 @@ class Bank:
             else:
                 self._reduced.put(basis, found[-1])
         return found
+
+    def scale_of_lead(self, form: Form, basis: Basis) -> float:
+        """Scale of a basis in the place of one of a form's leading ones; zero where the baseline has it. It was prepared."""
+        square, whole = self._squares[basis]
+        return form.unit / math.sqrt(len(form.lead) * square) if square > _ABSORBED * whole else 0.0
 
     def _scale(self, form: Form) -> tuple[tuple[Basis, float], ...] | None:
         found: list[tuple[Basis, float]] = []

@@ -17,12 +17,14 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.evidence.bank import Scaled
 from rlgcomp.diagnosis.evidence.closed_form import Conditional, Shared
+from rlgcomp.diagnosis.forms.bases import Basis
 from rlgcomp.diagnosis.forms.terms import Form
 
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 _WORTH: Final = 8  # columns that forms share beyond those already turned, from which on they are turned anew
 _AT_ONCE: Final = 2_000_000  # numbers of a stack of forms
+_MANY: Final = 6  # leading bases, from which on the form is decomposed once and not each of its moves
 
 
 def gains(given: Conditional, forms: Iterable[Form]) -> tuple[tuple[Form, ...], Array]:
@@ -40,6 +42,32 @@ def gains(given: Conditional, forms: Iterable[Form]) -> tuple[tuple[Form, ...], 
         if form.sizes:
             found[k] += np.array(form.sizes)
     return tuple(scaled), found
+
+
+def gains_of_moves(given: Conditional, form: Form, moves: Sequence[tuple[int, Basis]]) -> Array:
+    """Log evidence with a form in which one leading basis is another, of each size, shape (moves, sizes).
+
+    Parameters
+    ----------
+    given : Conditional
+    form : Form
+    moves : sequence of (int, Basis)
+        The place of the leading basis, and what stands there instead. Minus infinity where the baseline has that.
+    """
+    bank = given.evidence.bank
+    bank.prepare_bases(basis for _, basis in moves)
+    if len(form.lead) < _MANY or form.own or any(bank.width(basis) > 1 for basis in (*form.lead, *(basis for _, basis in moves))):
+        forms = [form.moved(*move) for move in moves]
+        rows = dict(zip(*gains(given, forms), strict=True))
+        none = np.full(len(priors.SIZES), -np.inf)
+        return np.array([rows.get(one, none) for one in forms]).reshape(len(forms), len(none))
+    found = np.full((len(moves), len(priors.SIZES)), -np.inf)
+    scales = [bank.scale_of_lead(form, basis) for _, basis in moves]
+    possible = [number for number, scale in enumerate(scales) if scale > 0.0]
+    if possible and (scaled := bank.scaled(form)) is not None:
+        parts = [(moves[number][1], scales[number]) for number in possible]
+        found[possible] = given.with_one_exchanged(scaled, parts, [moves[number][0] for number in possible])
+    return found + (np.array(form.sizes) if form.sizes else 0.0)
 
 
 def _shared(given: Conditional, scaled: Sequence[Scaled]) -> Shared:

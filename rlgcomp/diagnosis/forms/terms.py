@@ -70,11 +70,11 @@ class Form(Hashed):
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         """The same with one nonlinear parameter of a leading basis moved by so many steps of its grid."""
-        return tuple(
-            dataclasses.replace(self, lead=(*self.lead[:k], moved, *self.lead[k + 1 :]))
-            for k, basis in enumerate(self.lead)
-            for moved in basis.nearby(step)
-        )
+        return tuple(self.moved(k, basis) for k, own in enumerate(self.lead) for basis in own.nearby(step))
+
+    def moved(self, k: int, basis: Basis) -> Self:
+        """The same with another leading basis at a place."""
+        return dataclasses.replace(self, lead=(*self.lead[:k], basis, *self.lead[k + 1 :]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -16,7 +16,8 @@ from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.closed_form import Conditional, Evidence, Member, Set
 from rlgcomp.diagnosis.evidence.recent import Recent
 from rlgcomp.diagnosis.evidence.screen import Layout, Screen
-from rlgcomp.diagnosis.evidence.variants import gains
+from rlgcomp.diagnosis.evidence.variants import gains, gains_of_moves
+from rlgcomp.diagnosis.forms.bases import Basis
 from rlgcomp.diagnosis.forms.memories import Relays
 from rlgcomp.diagnosis.forms.terms import Form, Left, Others, Region
 from rlgcomp.diagnosis.noise.hypotheses import Hypotheses
@@ -31,12 +32,14 @@ _SCREENS: Final = 16  # of all forms under a noise, that are kept
 _EVIDENCES: Final = 40
 _GIVEN: Final = 1_000_000  # numbers in columns of sets that are in the model
 _FURTHER: Final = 20_000  # forms that others grow to, that are kept
+_NEARBY: Final = 20_000  # bases that others move to, that are kept
 _PROMISING: Final = 3  # forms with one basis more that are tried in full
 _EQUATIONS: Final = 3  # of a region, whose likeliest forms are tried in some of the runs
 _FINEST: Final = 1.0 / 64.0  # step of the grid
 _FINEST_OF_LOUD: Final = _FINEST / 64.0  # while smaller steps are still worth it, as those of a frequency are
 _COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
 _FEW: Final = 3
+_TOGETHER: Final = 5  # moves up to which every number of them is tried together, the best first; beyond, powers of two and all
 _NARROW: Final = 4  # leading columns
 WORTH: Final = 0.3  # nats that a polishing step must gain
 WORTH_MORE: Final = 3.0  # and a further member of a form
@@ -69,11 +72,12 @@ class Members:
         self._evidences = Recent[Noise, Evidence](_EVIDENCES)
         self._screens = Recent[Noise, Screen](_SCREENS)
         self._furthers = Recent[tuple[Others, Form], dict[Form, Form]](_FURTHER, len)
+        self._nearby = Recent[tuple[Basis, float], tuple[Basis, ...]](_NEARBY, len)
         self._given = Recent[tuple[Noise, Set], Conditional](_GIVEN, lambda given: given.table.size + len(given.table))
 
     def forget(self) -> None:
         """Forget what can be computed anew."""
-        for kept in (self._evidences, self._screens, self._given, self._furthers):
+        for kept in (self._evidences, self._screens, self._given, self._furthers, self._nearby):
             kept.clear()
         self.bank.forget()
         self.layout.forget()
@@ -336,9 +340,11 @@ class Members:
         weights = ((member.size * scales[basis]) ** 2 * (self.bank.columns(basis).T @ residual) for basis in lead)
         return Left(residual, float(np.mean(left**2)), tuple(weights))
 
-    def _moves(self, form: Form, step: float, last: bool) -> tuple[Form, ...]:
-        forms = form.nearby(step)
-        return tuple(moved for moved in forms if moved.lead[:-1] == form.lead[:-1]) if last else forms
+    def _moves(self, form: Form, step: float, last: bool) -> list[tuple[int, Basis]]:
+        """What each leading basis may become, or the last one alone; the same objects each time, whose hashes are known."""
+        places = range(len(form.lead) - 1 if last else 0, len(form.lead))
+        near = {k: self._nearby.of((form.lead[k], step), functools.partial(form.lead[k].nearby, step)) for k in places}
+        return [(k, basis) for k, bases in near.items() for basis in bases]
 
     def exact(self, value: float, member: Member, given: Conditional) -> tuple[float, Member]:
         """A polished form, or the likeliest without its smooth departures or those made of its leading bases, polished by itself.
@@ -355,7 +361,9 @@ class Members:
                 value, member = tried
         return value, member
 
-    def _better(self, value: float, member: Member, forms: Sequence[Form], given: Conditional) -> tuple[float, Member] | None:
+    def _better(
+        self, value: float, member: Member, moves: Sequence[tuple[int, Basis]], given: Conditional
+    ) -> tuple[float, Member] | None:
         """The likeliest of some moves of a form, or of those of several leading bases together; None if none is worth it.
 
         Parameters
@@ -363,23 +371,23 @@ class Members:
         value : float
             Of the member as it is.
         member : Member
-        forms : sequence of Form
-            Moves of one leading basis each.
+        moves : sequence of (int, Basis)
+            Of one leading basis each: its place, and what it becomes.
         given : Conditional
         """
-        possible, table = gains(given, forms)
-        moves: dict[int, tuple[float, Form]] = {}
-        for form, row in zip(possible, table, strict=True):
-            k = next(k for k, (one, other) in enumerate(zip(form.lead, member.form.lead, strict=True)) if one != other)
-            moves[k] = max(moves.get(k, (value + WORTH, form)), (float(row.max()) + form.log_share, form), key=lambda one: one[0])
-        worth = sorted(((v, k, form) for k, (v, form) in moves.items() if v > value + WORTH), key=lambda one: one[0], reverse=True)
+        values = gains_of_moves(given, member.form, moves).max(axis=1, initial=-math.inf) + member.form.log_share
+        best: dict[int, tuple[float, Basis]] = {}
+        for (k, basis), of_move in zip(moves, values, strict=True):
+            if of_move > value + WORTH:
+                best[k] = max(best.get(k, (of_move, basis)), (of_move, basis), key=lambda one: one[0])
+        worth = sorted(((v, k, basis) for k, (v, basis) in best.items()), key=lambda one: one[0], reverse=True)
         if not worth:
             return None
-        lead, together = list(member.form.lead), [worth[0][2]]
-        for j, (_, k, form) in enumerate(worth):
-            lead[k] = form.lead[k]
-            if j > 0:
-                together.append(dataclasses.replace(form, lead=tuple(lead)))
+        lead, together = list(member.form.lead), list[Form]()
+        for count, (_, k, basis) in enumerate(worth, start=1):
+            lead[k] = basis
+            if count <= _TOGETHER or count == len(worth) or count.bit_count() == 1:
+                together.append(dataclasses.replace(member.form, lead=tuple(lead)))
         found = self.likeliest(given, together)
         return found if found is not None and found[0] > value + WORTH else None  # rounding may part two products of one form
 
