@@ -234,6 +234,47 @@ def test_compiled_code_is_kept_in_the_users_cache_and_never_in_the_package(
     assert float(anew(XDG_CACHE_HOME=str(tmp_path))) == result
 
 
+_LOOP = """
+from rlgcomp.numerics.compiled import compiled
+
+STEP = {step}
+
+
+def further(value):
+    return value + STEP{more}
+
+
+@compiled()
+def loop(value):
+    return further(value)
+"""
+_USE = "import sys; sys.path.insert(0, {folder!r}); import loops; print(loops.loop(1.0))"
+
+
+@needs_numba
+def test_another_installation_compiles_nothing_that_says_the_same(tmp_path: Path) -> None:
+    """A loop that reads another number, or calls another function of its module, says something else."""
+
+    def used(folder: str, step: float, more: str = "", above: str = "") -> tuple[str, int]:
+        (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / folder / "loops.py").write_text(above + _LOOP.format(step=step, more=more))
+        line, environment = [sys.executable, "-B", "-c", _USE.format(folder=str(tmp_path / folder))], dict(os.environ)
+        environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+        done = subprocess.run(line, capture_output=True, text=True, check=True, env=environment)
+        return done.stdout.strip(), len(list((tmp_path / "cache").rglob("*.nbc")))
+
+    answer, kept = used("one", 1.0)
+    assert answer == "2.0"
+    assert kept
+    assert used("two", 1.0, above="# another line\n") == ("2.0", kept)
+    answer, more = used("two", 2.0)
+    assert answer == "3.0"
+    assert more > kept
+    answer, most = used("two", 2.0, more=" + STEP")
+    assert answer == "5.0"
+    assert most > more
+
+
 @needs_numba
 def test_a_cache_that_cannot_be_written_costs_speed_alone(
     anew: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -1,7 +1,8 @@
 """Loops that carry state, compiled by Numba when first called; without Numba the same lines run as Python.
 
 Compiled code is kept in a folder of the user (:func:`cache_folder`), never in the package's own: what an installer does not know of
-would outlive the package there. Where it cannot be written, loops are compiled anew in each process, and nothing else changes.
+would outlive the package there. It is known by what the loop says, so that another installation or version in which the loop is the
+same compiles nothing. Where the folder cannot be written, loops are compiled anew in each process, and nothing else changes.
 
 Importing this module costs nothing: Numba is imported by the first call of a compiled loop. Where the data are few, callers take
 their plain path instead, so that no command waits for a compiler that it does not need. `RLGCOMP_NUMBA=0` turns compiling off.
@@ -11,7 +12,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import importlib.util
+import inspect
 import os
 import pickle
 import sys
@@ -62,11 +65,12 @@ class Compiled:
             helper = names.get(name)
             if isinstance(helper, types.FunctionType) and helper.__module__ == function.__module__:
                 names[name] = self._compile(helper)
-        bound = functools.update_wrapper(types.FunctionType(function.__code__, names, function.__name__), function)
         # sums may be taken in another order, but a number that is not finite stays one
         fastmath = {"reassoc", "contract", "nsz"} if self._reassociate else False
         njit = functools.partial(numba.njit, nogil=True, fastmath=fastmath, error_model="numpy")
-        with _caching_in(cache_folder()) as writable:
+        with _caching_in(folder := cache_folder()) as writable:
+            code = _known_by_content(function, folder) if folder and writable else None
+            bound = functools.update_wrapper(types.FunctionType(code or function.__code__, names, function.__name__), function)
             return _forgiving(njit(cache=True)(bound)) if writable else njit()(bound)
 
 
@@ -109,6 +113,38 @@ def _caching_in(folder: Path | None) -> Iterator[bool]:
             yield writable
         finally:
             settings.CACHE_DIR = before
+
+
+def _known_by_content(function: Any, folder: Path) -> types.CodeType | None:
+    """The code of a function as if it stood in a file of the cache that bears the digest of what it says; None if that cannot be.
+
+    Numba knows a function by its file, its line and the file's content. This file has the function alone and never changes.
+    """
+    try:
+        said = _said(function)
+        digest = hashlib.sha256(said.encode()).hexdigest()[:24]
+        file = folder / "loops" / digest / f"{function.__name__}.py"
+        if not file.exists():
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile("w", dir=file.parent, encoding="utf-8", delete=False) as made:
+                made.write(said)
+            os.replace(made.name, file)
+    except OSError:  # no source, or no room
+        return None
+    code: types.CodeType = function.__code__.replace(co_filename=str(file), co_firstlineno=1)
+    return code
+
+
+def _said(function: Any) -> str:
+    """Source of a function, then of those of its module that it calls, and the numbers that it has from there."""
+    parts = [inspect.getsource(function)]
+    for name in sorted(set(function.__code__.co_names)):
+        value = function.__globals__.get(name)
+        if isinstance(value, types.FunctionType) and value.__module__ == function.__module__:
+            parts.append(_said(value))
+        elif value is not None and not isinstance(value, types.ModuleType):
+            parts.append(f"{name} = {value!r}\n")
+    return "\n".join(parts)
 
 
 @functools.cache
