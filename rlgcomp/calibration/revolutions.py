@@ -144,10 +144,10 @@ def reference_mark(recordings: Sequence[Recording], angle: str | Sequence[str]) 
 def _kept_at_marks(recording: Recording, angle: str) -> npt.NDArray[np.int64]:
     """Number of whole revolutions from each of the reference marks."""
     angle_deg = np.unwrap(recording.column(angle), period=DEG_PER_TURN)
-    nothing = np.zeros(len(angle_deg))
+    no_pulses = np.zeros(len(angle_deg))
     kept = np.zeros(MARKS, dtype=np.int64)
     for start, stop, direction in _between_reversals(angle_deg, MARKS):
-        row, time_s, _, level = _passages(angle_deg, recording.time_s, nothing, start, stop, direction, MARKS)
+        row, time_s, _, level = _passages(angle_deg, recording.time_s, no_pulses, start, stop, direction, MARKS)
         unbroken, steady = _complete(row, time_s, recording.gaps, MARKS)
         kept += np.bincount((direction * level[: len(steady)] % MARKS)[unbroken & steady], minlength=MARKS)
     return kept

@@ -315,8 +315,8 @@ def further_monitors(
     varying = [column for column, samples in values.items() if np.isfinite(samples).all() and np.ptp(samples) > 0.0]
     own = [column for column in varying if column not in TABLE]
     of_gyros = {*filter(is_like_a_gyro, own), *_made_of_gyro(runs, own, gyro, _COPIED)}
-    told = [column for column in own if column in of_gyros and column not in names]
-    remarks = [message("compensation.gyro_is_no_input", column=column) for column in told]
+    refused = [column for column in own if column in of_gyros and column not in names]
+    remarks = [message("compensation.gyro_is_no_input", column=column) for column in refused]
     return [column for column in varying if column not in of_gyros], remarks
 
 

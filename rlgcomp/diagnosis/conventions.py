@@ -82,8 +82,8 @@ def with_rates(runs: Sequence[Recording]) -> tuple[list[Recording], list[Message
         if column == RATE:
             found.append(run)
             continue
-        told = ~rows_without_rate(run)
-        table = run.table.assign(**{RATE: rate_deg_s(run)})[told].reset_index(drop=True)
+        with_rate = ~rows_without_rate(run)
+        table = run.table.assign(**{RATE: rate_deg_s(run)})[with_rate].reset_index(drop=True)
         found.append(run.replace(table=table, truth=None))
-        messages.append(message("diagnosis.rate_of_encoder", run=run.name, column=column, rows=int(np.sum(~told))))
+        messages.append(message("diagnosis.rate_of_encoder", run=run.name, column=column, rows=int(np.sum(~with_rate))))
     return found, messages

@@ -121,13 +121,13 @@ def _known_by_content(function: Any, folder: Path) -> types.CodeType | None:
     Numba knows a function by its file, its line and the file's content. This file has the function alone and never changes.
     """
     try:
-        said = _said(function)
-        digest = hashlib.sha256(said.encode()).hexdigest()[:24]
+        source = _source(function)
+        digest = hashlib.sha256(source.encode()).hexdigest()[:24]
         file = folder / "loops" / digest / f"{function.__name__}.py"
         if not file.exists():
             file.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.NamedTemporaryFile("w", dir=file.parent, encoding="utf-8", delete=False) as made:
-                made.write(said)
+                made.write(source)
             os.replace(made.name, file)
     except OSError:  # no source, or no room
         return None
@@ -135,13 +135,13 @@ def _known_by_content(function: Any, folder: Path) -> types.CodeType | None:
     return code
 
 
-def _said(function: Any) -> str:
+def _source(function: Any) -> str:
     """Source of a function, then of those of its module that it calls, and the numbers that it has from there."""
     parts = [inspect.getsource(function)]
     for name in sorted(set(function.__code__.co_names)):
         value = function.__globals__.get(name)
         if isinstance(value, types.FunctionType) and value.__module__ == function.__module__:
-            parts.append(_said(value))
+            parts.append(_source(value))
         elif value is not None and not isinstance(value, types.ModuleType):
             parts.append(f"{name} = {value!r}\n")
     return "\n".join(parts)

@@ -303,8 +303,8 @@ def _selections(record: Record) -> Iterator[Message]:
         if len(cause.acts_in) < len(cause.runs):
             yield message("diagnosis.in_some_runs", mechanism=cause.name, runs=cause.acts_in, of=len(cause.runs))
         elif cause.has_mean:
-            told = {"opposite_in": cause.opposite_in, "has_mean": cause.has_mean}
-            yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit, **told)
+            signs = {"opposite_in": cause.opposite_in, "has_mean": cause.has_mean}
+            yield message("diagnosis.strength_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit, **signs)
         elif cause.runs:  # a wave
             yield message("diagnosis.phase_by_run", mechanism=cause.name, rms=cause.runs, unit=cause.unit)
 
@@ -336,8 +336,8 @@ def _scatters(record: Record) -> Iterator[Message]:
             if member.form.region in names and isinstance(basis, Relays) and basis.passages:
                 offsets, column = np.concatenate(scatter_of(basis, record.after.data)), basis.driver.columns[0]
                 unit, rms = "K" if is_thermometer(column) else display_unit(column), float(np.sqrt(np.mean(offsets**2)))
-                told = {"passages": len(offsets), "rms": rms, "unit": unit}
-                yield message("diagnosis.scattered_thresholds", mechanism=member.form.region, **told)
+                scatter = {"passages": len(offsets), "rms": rms, "unit": unit}
+                yield message("diagnosis.scattered_thresholds", mechanism=member.form.region, **scatter)
 
 
 def _forms(record: Record) -> Iterator[Message]:
