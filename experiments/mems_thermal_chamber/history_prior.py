@@ -50,7 +50,7 @@ def _mean(ratios: dict[str, dict[str, float]]) -> float:
 
 def _read(data: Path, name: str) -> rlg.Recording:
     """The recording with one of its sensors for the gyro."""
-    columns = {"time_s": "t_s", "temperature_block_degC": "temp_C", "gyro_deg_s": CHANNELS[name]}
+    columns = {"time_s": "t_s", "temperature_block_degC": "temp_C", "gyro_deg_s": f"{CHANNELS[name]} [deg/s]"}
     dropped = [column for column in CHANNELS.values() if column != CHANNELS[name]]
     return rlg.read(data / "imu_thermal.csv.gz", columns=columns, drop=dropped)
 
