@@ -33,6 +33,7 @@ from rlgcomp.workers import DIED, imports_of, spread
 NOTE: Final = "unit.json"
 SUMMARY: Final = "fleet.json"
 Task = Callable[["Unit", Path], Mapping[str, Any]]
+logger = logging.getLogger(__name__)
 _UNIT, _TRAIN = "unit", "train"
 _ENDING_S: Final = 3.0  # within which workers end with this process
 
@@ -117,6 +118,9 @@ def read_fleet(path: str | Path) -> list[Unit]:
             f"{path} {received}; it needs the columns unit and train, recordings with semicolons between them, and has "
             f"{', '.join(table.columns)}, read between {apart}"
         )
+    unused = [column for column in table.columns if column not in (_UNIT, _TRAIN, "test", "simulator")]
+    if unused:
+        logger.warning("%s: not used: the columns %s; used are unit, train, test and simulator", path, ", ".join(unused))
     units = []
     for row in table.to_dict("records"):
         name = str(row[_UNIT]).strip()

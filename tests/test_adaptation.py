@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -125,6 +126,15 @@ def test_what_cannot_be_adapted_is_refused(
         rlg.adapt(rlg.Compensator(rlg.CubicLeastSquares()).fit(short_runs[:2]), short_runs)
     with pytest.raises(rlg.InputError, match="no runs to adapt to"):
         rlg.adapt(fleet, [])
+    two = [run.replace(metadata=dataclasses.replace(run.metadata, unit=unit)) for run, unit in zip(short_runs, "ab", strict=False)]
+    with pytest.raises(rlg.InputError, match=r"of 2 units \(a, b\)"):
+        rlg.adapt(fleet, two)
+
+
+def test_a_unit_of_the_fleet_is_no_new_one(fleet: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    for unit, told in ((fleet.provenance_[0]["unit"], True), ("another", False)):
+        own = short_runs[0].replace(metadata=dataclasses.replace(short_runs[0].metadata, unit=unit))
+        assert ("compensation.adapted_to_known" in [one.code for one in rlg.adapt(fleet, [own]).remarks_]) is told
 
 
 def test_the_experiment_prints_its_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

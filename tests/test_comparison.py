@@ -310,6 +310,16 @@ def test_a_run_that_was_trained_on_is_known_by_its_noise(healthy: list[rlg.Recor
     assert [run.trained_on for run in evaluation.runs] == [True, False]
 
 
+def test_parts_of_one_recording_are_no_copies(healthy: list[rlg.Recording]) -> None:
+    """What leads in to a part, so that filters and hysteresis are in their state, is the other part and none of its own."""
+    middle, end = 0.5 * healthy[0].time_s[-1], healthy[0].time_s[-1] + 1.0
+    first, second = (healthy[0].between(a, b, keep_history=True, name=f"part {a:g}") for a, b in ((0.0, middle), (middle, end)))
+    assert second.metadata.lead_in_s > 0.0
+    assert not copies([first, second], {0: first.rate_deg_h(), 1: second.rate_deg_h()})
+    compensator = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit([first])
+    assert not rlg.evaluate(compensator, [second], compare=False).runs[0].trained_on
+
+
 def test_means_are_compared_at_every_place_of_a_window() -> None:
     rng = np.random.default_rng(0)
     rate = rng.normal(size=40_000) + 0.1 * np.sin(np.arange(40_000) / 5000.0)

@@ -178,6 +178,25 @@ def test_every_sample_agrees(
 
 
 @needs_gcc
+def test_a_model_that_is_left_out_is_found_in_single_precision(short_runs: list[rlg.Recording], tmp_path: Path) -> None:
+    """A bound of rounding above the bias itself, as sums that cancel have, passed a bias of zero; with an offset from the start."""
+    model = narrow(rlg.Compensator(features="temperature").fit(short_runs[:2]), 60.0, 1e7)
+    expansion = expansion_of(model)
+    golden, quiet = golden_stream(model, expansion, full=True, offset_s=600.0)
+    bounds = bounds_of(golden, model, expansion, "float")
+    design = Design("unit", model, expansion, "float", libm=True, sha256="0" * 64, offset_s=600.0)
+    files = render(design, golden, bounds, quiet)
+    right = "next.bias_deg_h = bias_of(inputs, &outside, &flagged);"
+    assert right in files["unit.c"]
+    for wrong in ("0.0f *", "-1.0f *"):
+        for file, text in files.items():
+            spoilt = text.replace(right, right.replace("= bias_of", f"= {wrong} bias_of"))
+            (tmp_path / file).write_text(spoilt, encoding="ascii")
+        command = tools.build(GCC, [tmp_path / "unit.c", tmp_path / "unit_selftest.c"], tmp_path)
+        assert tools.check(GCC, command, golden, bounds).wrong > 0, wrong
+
+
+@needs_gcc
 def test_a_wrong_answer_is_found(models: dict[str, rlg.Compensator], streams: Callable[[str], Streams], tmp_path: Path) -> None:
     """The comparison can fail: a bias off by 1e-11 of its span, a flag, a half width, a play, a filter, the order in time."""
     model = models["dynamic"]

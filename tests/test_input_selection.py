@@ -64,6 +64,41 @@ def test_each_input_left_out_has_a_remark_with_the_run_that_would_tell() -> None
     assert "both warms and cools" in remarks[0].data["telling_run"]  # between runs, turn-on biases differ as well
 
 
+@pytest.mark.parametrize("averaging_s", [100.0, 300.0])
+def test_few_windows_tell_apart_what_many_do(averaging_s: float) -> None:
+    """Kinks of functions of the temperature, as many as there are windows, followed any input."""
+    training = []
+    for k, turns in enumerate(((20.0, 45.0, 45.0, -10.0, -10.0, 20.0), (20.0, -15.0, -15.0, 40.0, 40.0, 5.0))):
+        hours = averaging_s / 100.0 * np.array([0.0, 0.15, 0.25, 0.5, 0.6, 0.8])
+        temperature = np.interp(np.arange(0.0, hours[-1] * 3600.0, STEP_S), hours * 3600.0, turns)
+        training.append(run(temperature, 40 + k))
+    model = rlg.Compensator(rlg.CubicLeastSquares(), averaging_s=averaging_s).fit(training)
+    assert sum(len(part.y_deg_h) for part in model.training_) < 60
+    assert "temperature_rate" in [feature.group for feature in model.pipeline_.features]
+
+
+def test_a_monitor_that_only_differs_between_runs_is_told() -> None:
+    training = []
+    for k, level in enumerate((1.0, 1.2, 0.7)):
+        temperature = cycle(20.0, 50.0, 4.0, phase=k / 3.0)
+        training.append(run(temperature, 50 + k, light_intensity_V=np.full(len(temperature), level)))
+    (told,) = (one for one in rlg.Compensator().fit(training).remarks_ if one.code == "compensation.constant_within_runs")
+    assert told.data["inputs"] == ["light_intensity_V"]
+    alike = [one.with_column("light_intensity_V", 1.0 + 0.1 * np.sin(one.time_s / 3000.0)) for one in training]
+    assert not [one for one in rlg.Compensator().fit(alike).remarks_ if one.code == "compensation.constant_within_runs"]
+
+
+def test_offsets_of_runs_are_no_failure_of_the_model() -> None:
+    """With runs left out the error holds their whole difference; about the mean of each the model leaves its noise."""
+    temperatures = [cycle(20.0, 50.0, 4.0, phase=k / 3.0) for k in range(2)]
+    training = [run(one, 60 + k) for k, one in enumerate(temperatures)]
+    shifted = [one.with_column("gyro_deg_h", one.rate_deg_h() + 3000.0 * (-1.0) ** k) for k, one in enumerate(training)]
+    remarks = {one.code: one.data for one in rlg.Compensator(rlg.CubicLeastSquares()).fit(shifted).remarks_}
+    assert "compensation.no_gain" not in remarks
+    found = remarks["compensation.offsets_between"]
+    assert found["within_deg_h"] < 0.1 * found["within_before_deg_h"]
+
+
 def test_a_run_that_cools_is_told_where_training_only_warmed(tmp_path: Path) -> None:
     """Else the interval of two warm-ups is believed where no input that is used leaves its range. Also from the saved model."""
     model = rlg.Compensator().fit([run(warm_up(20.0, 30.0), 1), run(warm_up(22.0, 28.0), 2)])

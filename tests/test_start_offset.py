@@ -82,6 +82,33 @@ def test_another_offset_is_refused(model: rlg.Compensator, tmp_path: Path) -> No
     assert "zero-at-start" in result.output
 
 
+@pytest.mark.parametrize(
+    ("offset_s", "expected"),
+    [(5.0, "compensation.zeroed_by_noise"), (600.0, None), (1e6, "compensation.zeroed_throughout")],
+)
+def test_a_start_that_is_noise_or_the_whole_run_is_told(
+    model: rlg.Compensator, short_runs: list[rlg.Recording], offset_s: float, expected: str | None
+) -> None:
+    found = rlg.evaluate(model, short_runs[2:], compare=False, offset_s=offset_s).remarks
+    told = [one for one in found if one.code in ("compensation.zeroed_by_noise", "compensation.zeroed_throughout")]
+    assert [one.code for one in told] == ([] if expected is None else [expected])
+    if expected == "compensation.zeroed_by_noise":
+        steps = np.diff(short_runs[2].rate_deg_h())
+        assert told[0].data["samples"] == 1
+        assert told[0].data["noise_deg_h"] == pytest.approx(np.std(steps) / np.sqrt(2.0), rel=0.2)
+
+
+def test_an_offset_that_makes_the_gyro_worse_is_told(model: rlg.Compensator, short_runs: list[rlg.Recording]) -> None:
+    """By its scatter the run is better, and its rms is many times that without a compensation."""
+    for offset_deg_h, worse in ((1.0, True), (0.0, False)):
+        training = [shift(run, offset_deg_h) for run in short_runs[:2]]
+        shifted = rlg.Compensator(rlg.CubicLeastSquares(), features="temperature").fit(training)
+        remarks = {one.code: one.data for one in rlg.evaluate(shifted, short_runs[2:], compare=False).remarks}
+        assert ("evaluation.worse_with_offset" in remarks) is worse
+        if worse:
+            assert remarks["evaluation.worse_with_offset"]["residual_rms_deg_h"] == pytest.approx(1.0, rel=0.1)
+
+
 @pytest.mark.parametrize(("earth_deg_h", "keep_mean", "told"), [(11.2, False, True), (0.0, True, True), (0.0, False, False)])
 def test_earth_rate_that_the_offset_takes_away_is_told(
     short_runs: list[rlg.Recording], earth_deg_h: float, keep_mean: bool, told: bool, tmp_path: Path

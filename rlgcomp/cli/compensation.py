@@ -156,9 +156,12 @@ def train(
     from rlgcomp.compensation.models import DEFAULT, MODELS
     from rlgcomp.compensation.models.specification import sequential
     from rlgcomp.errors import InputError
+    from rlgcomp.recording import DEFAULT_AVERAGING_S
     from rlgcomp.recording.provenance import with_digests
 
     _require_folders(out, export, runs, adapt, calibration, simulator, None if physics in (None, AUTO) else Path(physics))
+    if adapt is not None and (model is not None or features != "all" or averaging_s != DEFAULT_AVERAGING_S):
+        raise InputError("--adapt takes model, features and averaging time from the adapted model; leave out those that you give")
     if model is None:
         model = DEFAULT if physics is None and device is None else MODEL_OF_PHYSICS
     if model not in MODELS:
@@ -224,7 +227,7 @@ def train(
                     " ": "–" if rmse is None else f"{summary['left_out_rms_deg_h']:.3g}",
                 },
                 {"": "90 % interval, ± deg/h", " ": f"{summary['half_width_deg_h']:.3g}" if known else "not known from these runs"},
-                *([{"": "not used, without gain", " ": ", ".join(compensator.unused_)}] if compensator.unused_ else []),
+                *([{"": "not used, no gain shown", " ": ", ".join(compensator.unused_)}] if compensator.unused_ else []),
                 {"": "selected", " ": compensator.selection_.text},
             ],
         )
@@ -288,6 +291,9 @@ def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | N
 
 def _warn_of_long_fit(device: str | None, recordings: list[Recording], averaging_s: float) -> None:
     """Warn where `--device` finds no graphics card and many rows are fitted on the processor."""
+    from rlgcomp.compensation.window_means import require_averaging
+
+    require_averaging(averaging_s)
     rows = sum(round(recording.duration_s / averaging_s) for recording in recordings)
     if device is None or rows <= MANY_ROWS:
         return
@@ -440,7 +446,7 @@ def compensate(
     (recording,) = read_runs([run], mapping, drop, pulse_arcsec, calibration, gyro=compensator.gyro, period_s=period_s)
     _require_the_same_calibration(compensator, [recording])
     recording, remarks = _repaired_monitors(compensator, recording)
-    remarks += on_start(recording, compensator.gyro, offset_s, keep_mean=compensator.keep_mean)
+    remarks += on_start(recording, compensator.gyro, offset_s, keep_mean=compensator.keep_mean, averaging_s=compensator.averaging_s)
     remarks += compensator.untold_.remarks(recording)
     for remark in remarks:
         notify(remark.text)

@@ -41,6 +41,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
 from rlgcomp.recording.argument_checks import require_recordings
 from rlgcomp.recording.outliers import without_outliers
+from rlgcomp.report.messages import message
 
 Array = npt.NDArray[np.float64]
 logger = logging.getLogger(__name__)
@@ -142,6 +143,9 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
             f"it was trained on {len(known)} units that are named ({', '.join(known) or 'none'}); at least {FEWEST_UNITS} are "
             "needed to know how units differ; train on runs of more units, whose metadata name the `unit`"
         )
+    own = sorted({run.metadata.unit for run in runs if run.metadata.unit})
+    if len(own) > 1:
+        raise InputError(f"the runs are of {len(own)} units ({', '.join(own)}); adapt to each by itself")
     parts = {unit: [part for part, owner in zip(compensator.training_, units, strict=True) if owner == unit] for unit in known}
     basis = _Basis(compensator, model)
     windows = tuple(window_means(run, compensator.pipeline_, compensator.averaging_s, compensator.gyro) for run in runs)
@@ -182,6 +186,7 @@ def adapt(compensator: Compensator, runs: Sequence[Recording]) -> Compensator:
     ]
     new.remarks_ = (
         *outliers,
+        *(message("compensation.adapted_to_known", unit=unit) for unit in own if unit in known),
         *new.selection_.remarks(compensator.scaling_.y_scale_deg_h, "units"),
     )
     for remark in new.remarks_:

@@ -37,9 +37,16 @@ from rlgcomp.compensation.models.specification import grouping, require_regresso
 from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.compensation.prediction import Prediction
 from rlgcomp.compensation.selection import Progress, Selection, select
-from rlgcomp.compensation.training_remarks import on_errors_below_noise, on_interval, on_turning, warn_of_earth_rate
+from rlgcomp.compensation.training_remarks import (
+    on_constant_inputs,
+    on_errors_below_noise,
+    on_interval,
+    on_selection,
+    on_turning,
+    warn_of_earth_rate,
+)
 from rlgcomp.compensation.untold_inputs import UntoldInputs
-from rlgcomp.compensation.window_means import BLOCKS_OF_ONE_RUN, Scaling, run_labels, scaled_rows, window_means
+from rlgcomp.compensation.window_means import BLOCKS_OF_ONE_RUN, Scaling, require_averaging, run_labels, scaled_rows, window_means
 from rlgcomp.errors import InputError
 from rlgcomp.recording import DEFAULT_AVERAGING_S, Recording
 from rlgcomp.recording.argument_checks import require_recordings, require_workers
@@ -182,6 +189,7 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
         require_regressor(model)
         require_lssvm(model, self.physics)
         require_turn_on(self.turn_on_deg_h)
+        require_averaging(self.averaging_s)
         if not runs:
             raise InputError("no runs to train on; give at least one recording")
         for run in runs:
@@ -238,7 +246,8 @@ class Compensator(Prediction, BaseEstimator):  # type: ignore[misc]
             *hybrid.left_out,
             *on_gain(self.selection_.rmse, without_physics, self.scaling_.y_scale_deg_h),
             *on_amplitudes(self.parts(), self.amplitudes()),
-            *self.selection_.remarks(self.scaling_.y_scale_deg_h, "runs"),
+            *on_selection(self.selection_, self.model_, self.training_, self.scaling_),
+            *on_constant_inputs(self.training_, self.pipeline_),
             *on_interval(self.interval_),
             *on_errors_below_noise(self.selection_.rmse, self.scaling_, raw, self.gyro, self.averaging_s),
             *on_turning(self.scaling_, self.pipeline_.columns),

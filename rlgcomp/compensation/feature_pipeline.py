@@ -112,7 +112,7 @@ class FeatureRecipe:
         if bad:
             raise InputError(f"sample: {', '.join(bad)} missing or not finite; needed are {', '.join(wanted)}, each a number")
         if state is not None and not sample[TIME] > state[0]:
-            raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; begin a new recording with state None")
+            raise InputError(f"sample: time_s is {sample[TIME]}, not after {state[0]}; restart() begins a new recording")
         row = np.array([[sample[column] for column in self.columns]], dtype=np.float64)
         values, state = self.run(state, np.array([sample[TIME]], dtype=np.float64), row)
         return values[0], state
@@ -271,7 +271,7 @@ def pipeline_for(runs: Sequence[Recording], wanted: str | Sequence[str] = "all")
         else:
             raise InputError(
                 f"--features {name!r} is neither a group ({', '.join(('all', *GROUPS))}) nor a column of every run "
-                f"({', '.join(sorted(common))})"
+                f"({', '.join(sorted(common - {TIME}))})"
             )
     if not features:
         monitors = [

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sklearn.base import clone
 
 from rlgcomp.compensation.interval import Interval, noise_of_windows_deg_h
-from rlgcomp.compensation.models.specification import cross_validation_residuals, grouping, sequential
+from rlgcomp.compensation.models.specification import between_and_within, cross_validation_residuals, grouping, sequential
 from rlgcomp.compensation.window_means import Scaling, WindowMeans, run_labels, scaled_rows
 
 Array = npt.NDArray[np.float64]
@@ -57,6 +57,13 @@ class HeldOutErrors:
         X, y, groups = scaled_rows(training, scaling)
         errors = cross_validation_residuals(model, X, y, groups) * scaling.y_scale_deg_h
         return cls(training, errors, groups, np.ones(len(errors), dtype=np.bool_), scaling.ranged, np.empty((0, len(errors))))
+
+    @property
+    def about_means_deg_h(self) -> tuple[float, float]:
+        """Root mean squares of the gyro and of the errors, each about the mean of every run or block."""
+        y_deg_h = np.concatenate([part.y_deg_h for part in self.training])
+        before, after = (between_and_within(values[None], self.groups)[0, 1] for values in (y_deg_h, self.errors_deg_h))
+        return float(before), float(after)
 
     def with_other_gyros(self, model: Any, scaling: Scaling) -> Self:
         """With the errors of the same model, fitted to each other gyro that all runs have: they show how runs differ as well.

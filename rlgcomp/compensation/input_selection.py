@@ -29,6 +29,7 @@ NOT_TOLD_APART: Final = 0.3  # of an input's variance: the part that is no funct
 LEAST_GAIN: Final = 0.05  # of the mean square error of runs left out
 _DEVIATIONS: Final = 2.0  # of the gain from zero, by blocks
 _PLACES: Final = np.arange(0.05, 1.0, 0.05)
+_ROWS_OF_A_KINK: Final = 8  # rows of training for each place of kinks: fewer follow the noise of a short run
 _BLOCKS: Final = 4  # of each run
 _OVERLAP: Final = 0.5  # share of a run within the range of the others
 _MOST_PAIRED: Final = 8  # further monitors that are tried two by two
@@ -181,16 +182,21 @@ def _unexplained(columns: Array, company: Array, runs: npt.NDArray[np.int64]) ->
     def within_runs(values: Array) -> Array:
         return np.asarray(values - Z @ (Z.T @ values / Z.sum(axis=0)[:, None]))
 
-    design = within_runs(np.hstack([_powers(company), *(_hats(column) for column in company.T)]))
+    kinks = min(len(_PLACES), len(runs) // (_ROWS_OF_A_KINK * company.shape[1]))
+    design = within_runs(np.hstack([_powers(company), *(_hats(column, kinks) for column in company.T)]))
     target = within_runs(columns)
-    residual = target - design @ np.linalg.lstsq(design, target, rcond=1e-10)[0]
+    numbers, _, rank, _ = np.linalg.lstsq(design, target, rcond=1e-10)
+    residual = target - design @ numbers
     variance = (target**2).sum(axis=0)
-    return np.divide((residual**2).sum(axis=0), variance, out=np.zeros(len(variance)), where=variance > 0.0)
+    share = np.divide((residual**2).sum(axis=0), variance, out=np.zeros(len(variance)), where=variance > 0.0)
+    free = len(runs) - Z.shape[1]  # of which the design takes its rank, whatever it says
+    return np.asarray(share * free / max(1, free - rank))
 
 
-def _hats(values: Array) -> Array:
-    """Piecewise linear functions of one input, with kinks at quantiles and at equal steps, shape (n, kinks)."""
-    knots = np.unique([*np.quantile(values, _PLACES), *(values.min() + _PLACES * np.ptp(values))])
+def _hats(values: Array, count: int) -> Array:
+    """Piecewise linear functions of one input, with so many kinks at quantiles and as many at equal steps, shape (n, kinks)."""
+    places = _PLACES if count == len(_PLACES) else np.arange(1.0, count + 1.0) / (count + 1.0)
+    knots = np.unique([*np.quantile(values, places), *(values.min() + places * np.ptp(values))])
     return np.maximum(values[:, None] - knots, 0.0) / (float(np.ptp(values)) or 1.0)
 
 

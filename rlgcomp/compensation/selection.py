@@ -69,7 +69,7 @@ class Selection:
         """The selected parameters in words."""
         return selected_text(self.best)
 
-    def remarks(self, before_deg_h: float, parts: str) -> list[Message]:
+    def remarks(self, before_deg_h: float, parts: str, about_means_deg_h: tuple[float, float] | None = None) -> list[Message]:
         """Remarks on a search that ends at its limits, and on a model that is no better than none with parts left out.
 
         Parameters
@@ -78,10 +78,16 @@ class Selection:
             Root mean square of the gyro about its mean: the scale of the model's output.
         parts : {"runs", "units"}
             The groups left out.
+        about_means_deg_h : (float, float), optional
+            Of the gyro, and of what the model leaves with parts left out, each about the mean of every part.
         """
         remarks = [message("compensation.at_limits", parameters=self.at_limits)] if self.at_limits else []
         if self.rmse is not None and self.rmse >= 1.0:
             residual_deg_h = self.rmse * before_deg_h
+            if about_means_deg_h is not None and about_means_deg_h[1] < about_means_deg_h[0]:
+                before, after = about_means_deg_h
+                data = {"residual_deg_h": residual_deg_h, "within_before_deg_h": before, "within_deg_h": after}
+                return [*remarks, message("compensation.offsets_between", parts=parts, **data)]
             remarks.append(message("compensation.no_gain", parts=parts, residual_deg_h=residual_deg_h, before_deg_h=before_deg_h))
         return remarks
 

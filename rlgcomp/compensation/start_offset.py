@@ -8,10 +8,12 @@ is the mean so far.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.compensation.interval import noise_of_windows_deg_h
 from rlgcomp.compensation.training_remarks import may_hold_earth_rate
 from rlgcomp.errors import InputError
 from rlgcomp.recording import Recording
@@ -21,8 +23,9 @@ Array = npt.NDArray[np.float64]
 ZERO_AT_START = "zero-at-start"  # as the command line names it
 
 
-def on_start(run: Recording, gyro: str | None, offset_s: float | None, *, keep_mean: bool) -> list[Message]:
-    """A message where zeroing the offset at the start removes what may be Earth rate, or the mean that a model is to keep.
+def on_start(run: Recording, gyro: str | None, offset_s: float | None, *, keep_mean: bool, averaging_s: float) -> list[Message]:
+    """Messages where zeroing the offset at the start removes what may be Earth rate, or the mean that a model is to keep; where the
+    start is the whole run, or so short that its mean is noise.
 
     Parameters
     ----------
@@ -33,13 +36,27 @@ def on_start(run: Recording, gyro: str | None, offset_s: float | None, *, keep_m
         Time from the first sample over which the offset is averaged; nothing is zeroed without it.
     keep_mean : bool
         Of the compensation.
+    averaging_s : float
+        Of the compensation.
     """
     if offset_s is None:
         return []
-    mean_deg_h = float(np.mean(run.rate_deg_h(gyro)[run.time_s - run.time_s[0] < offset_s]))
-    if not (keep_mean or may_hold_earth_rate(mean_deg_h)):
-        return []
-    return [message("compensation.zeroed_with_earth_rate", run=run.name, mean_deg_h=mean_deg_h, keep_mean=keep_mean)]
+    remarks = []
+    time_s, rate_deg_h = run.time_s[run.scored], run.rate_deg_h(gyro)[run.scored]
+    start = time_s - time_s[0] < offset_s
+    mean_deg_h = float(np.mean(rate_deg_h[start]))
+    if keep_mean or may_hold_earth_rate(mean_deg_h):
+        remarks.append(message("compensation.zeroed_with_earth_rate", run=run.name, mean_deg_h=mean_deg_h, keep_mean=keep_mean))
+    if start.all():
+        remarks.append(message("compensation.zeroed_throughout", run=run.name, offset_s=offset_s, duration_s=float(np.ptp(time_s))))
+    elif offset_s < averaging_s:
+        noise_deg_h = noise_of_windows_deg_h([rate_deg_h]) / math.sqrt(start.sum())
+        remarks.append(
+            message(
+                "compensation.zeroed_by_noise", run=run.name, samples=int(start.sum()), offset_s=offset_s, noise_deg_h=noise_deg_h
+            )
+        )
+    return remarks
 
 
 @dataclasses.dataclass

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from rlgcomp.compensation.feature_pipeline import FeatureRecipe
+from rlgcomp.compensation.held_out_errors import HeldOutErrors
 from rlgcomp.compensation.interval import Interval
-from rlgcomp.compensation.window_means import Scaling
+from rlgcomp.compensation.selection import Selection
+from rlgcomp.compensation.window_means import Scaling, WindowMeans
 from rlgcomp.recording import Recording
 from rlgcomp.recording.comparison import noise_of_means_deg_h
 from rlgcomp.report.messages import Message, message
@@ -19,6 +22,7 @@ logger = logging.getLogger(__name__)
 TABLE_RATE: Final = "table_rate_deg_s"
 TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
 TURNING_STEADILY_DEG_H: Final = 3600.0  # mean that no bias has: 1 deg/s
+HARDLY_WITHIN: Final = 0.01  # of a monitor's variance over all runs
 BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
 _MUCH_OF_EARTH_RATE: Final = 0.1
 
@@ -42,6 +46,34 @@ def on_interval(interval: Interval) -> list[Message]:
     if interval.basis != "spread":
         return []
     return [message("compensation.no_overlap", half_width_deg_h=interval.inside_deg_h)]
+
+
+def on_selection(selection: Selection, model: Any, training: Sequence[WindowMeans], scaling: Scaling) -> list[Message]:
+    """Remarks on a search, and on a model that is no better than none with runs left out, or only about the mean of each.
+
+    Parameters
+    ----------
+    selection : Selection
+    model : estimator
+        Fitted on the scaled rows.
+    training : sequence of WindowMeans
+    scaling : Scaling
+    """
+    gains = selection.rmse is None or selection.rmse < 1.0
+    about_means_deg_h = None if gains else HeldOutErrors.of(model, training, scaling).about_means_deg_h
+    return selection.remarks(scaling.y_scale_deg_h, "runs", about_means_deg_h)
+
+
+def on_constant_inputs(training: Sequence[WindowMeans], pipeline: FeatureRecipe) -> list[Message]:
+    """A message where monitors, the temperature apart, change from run to run and hardly within one: as switch-on biases do."""
+    levels = [feature.kind == "level" and feature.group != "temperature" for feature in pipeline.features for _ in feature.names]
+    if len(training) == 1 or not any(levels):
+        return []
+    X = np.vstack([part.X for part in training])
+    within = np.concatenate([part.X - part.X.mean(axis=0) for part in training]).var(axis=0)
+    hardly = np.array(levels) & (within < HARDLY_WITHIN * X.var(axis=0))
+    inputs = [name for name, one in zip(pipeline.names, hardly, strict=True) if one]
+    return [message("compensation.constant_within_runs", inputs=inputs)] if inputs else []
 
 
 def on_errors_below_noise(

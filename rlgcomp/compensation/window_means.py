@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
+from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NOISES
 from rlgcomp.recording import Recording, rate_name
 
@@ -117,6 +118,18 @@ class Scaling:
     def ranged(self) -> npt.NDArray[np.bool_]:
         """The inputs whose range counts, shape (features,)."""
         return np.isin(np.arange(len(self.mean)), self.linear, invert=True)
+
+
+def require_averaging(averaging_s: Any) -> None:
+    """Raise unless an averaging time is a number above zero.
+
+    Raises
+    ------
+    InputError
+        It is anything else.
+    """
+    if isinstance(averaging_s, bool) or not isinstance(averaging_s, int | float | np.number) or not 0.0 < averaging_s < np.inf:
+        raise InputError(f"averaging_s is {averaging_s!r}; it must be a number of seconds above zero")
 
 
 def window_means(recording: Recording, pipeline: FeatureRecipe, averaging_s: float, gyro: str | None = None) -> WindowMeans:

@@ -166,7 +166,7 @@ def evaluate(
     runs, remarks = [run for run, _ in screened], [outliers for _, messages in screened for outliers in messages]
     for run in runs:
         remarks += other_unit(compensator.provenance_, run.name, run.metadata.unit)
-        remarks += on_start(run, compensator.gyro, offset_s, keep_mean=compensator.keep_mean)
+        remarks += on_start(run, compensator.gyro, offset_s, keep_mean=compensator.keep_mean, averaging_s=compensator.averaging_s)
         remarks += compensator.untold_.remarks(run)
     for run in runs:
         for outliers in monitor_outliers(run):
@@ -213,6 +213,7 @@ def _evaluate_run(compensator: Compensator, run: Recording, own: WindowMeans, of
         run=run.name,
         windows=len(raw),
         raw_std_deg_h=float(np.std(raw, ddof=1)),
+        raw_rms_deg_h=float(np.sqrt(np.mean(raw**2))),
         residual_std_deg_h=float(np.std(residual, ddof=1)),
         residual_mean_deg_h=float(residual.mean()),
         residual_rms_deg_h=float(np.sqrt(np.mean(residual**2))),
@@ -250,8 +251,8 @@ def trained_on(compensator: Compensator, run: Recording, own: WindowMeans) -> bo
     averaging_s, training = compensator.averaging_s, compensator.training_
     if any(_same_run(own, part, averaging_s) for part in training):
         return True
-    rate_deg_h = run.rate_deg_h(compensator.gyro)
-    return any(shares_means(rate_deg_h, run.time_s, part.y_deg_h, part.time_s, averaging_s) for part in training)
+    rate_deg_h, time_s = run.rate_deg_h(compensator.gyro)[run.scored], run.time_s[run.scored]
+    return any(shares_means(rate_deg_h, time_s, part.y_deg_h, part.time_s, averaging_s) for part in training)
 
 
 def _same_run(one: WindowMeans, other: WindowMeans, averaging_s: float) -> bool:

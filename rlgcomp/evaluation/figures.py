@@ -240,9 +240,9 @@ def search(table: pd.DataFrame) -> Picture | None:
         )
 
 
-def contributions(recording: Recording) -> Picture | None:
+def contributions(recording: Recording, averaging_s: float) -> Picture | None:
     """Contributions to a simulated gyro's bias; the noises are added up. None without truth."""
-    averaged = recording.averaged()
+    averaged = recording.averaged(averaging_s)
     truth = averaged.truth
     if truth is None:
         return None

@@ -103,7 +103,8 @@ def _page(
         "comparison": figures.comparison(evaluation.comparison, evaluation),
         "search": figures.search(compensator.selection_.table),
     }
-    contributions = [(run.name, picture) for run in simulated if (picture := figures.contributions(run)) is not None]
+    drawn = [(run.name, figures.contributions(run, evaluation.averaging_s)) for run in simulated]
+    contributions = [(name, picture) for name, picture in drawn if picture is not None]
     scaling = compensator.scaling_
     page = render_page(
         "evaluation.html",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from rlgcomp.report.messages import Message, message
 
 Array = npt.NDArray[np.float64]
 OFTEN_OUT_OF_RANGE: Final = 0.01
+WORSE_WITH_OFFSET: Final = 1.1  # times the rms of the gyro without compensation
 OFTEN_LEFT_OUT: Final = 0.1  # of the windows
 MUCH_ADDED_NOISE: Final = 0.5  # of the noise floor: the residual is then 12 % above it
 
@@ -49,6 +51,8 @@ class RunResult:
         Inputs that leave their training range, the most frequent first.
     windows_left_out : int
         Windows that hold samples, but less than 80 % of theirs.
+    raw_rms_deg_h : float
+        Of the gyro as it is, its mean included.
     added_noise_deg_h : float
         White noise of means that the compensation adds to the gyro's, by the Allan deviations before and after.
     doubts : tuple of Message
@@ -71,6 +75,7 @@ class RunResult:
     out_of_range_inputs: tuple[str, ...] = ()
     windows_left_out: int = 0
     added_noise_deg_h: float = 0.0
+    raw_rms_deg_h: float = math.inf
     doubts: tuple[Message, ...] = ()
 
     @property
@@ -92,6 +97,9 @@ class RunResult:
             remarks.append(message("evaluation.no_gain", run=self.run, **interval))
         if not self.doubts and abs(self.residual_mean_deg_h) > 2.0 * self.residual_std_deg_h:
             remarks.append(message("evaluation.offset", run=self.run, mean_deg_h=self.residual_mean_deg_h))
+            if self.residual_rms_deg_h > WORSE_WITH_OFFSET * self.raw_rms_deg_h:
+                rms = {"residual_rms_deg_h": self.residual_rms_deg_h, "raw_rms_deg_h": self.raw_rms_deg_h}
+                remarks.append(message("evaluation.worse_with_offset", run=self.run, **rms))
         if self.added_noise_deg_h > MUCH_ADDED_NOISE * self.noise_floor_deg_h:
             noises = {"added_deg_h": self.added_noise_deg_h, "floor_deg_h": self.noise_floor_deg_h}
             remarks.append(message("evaluation.adds_noise", run=self.run, **noises))

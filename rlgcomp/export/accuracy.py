@@ -14,6 +14,9 @@ Single precision, u = 2^-24: every input is off by what rounding its monitors ma
 
 m_j being the magnitudes that enter input j and M the sum of absolute terms of v, each weighted with how strongly it answers to its
 argument. Maxima are over the samples compared.
+
+Never is more allowed than a hundredth of the bias's span and of the bias itself: where sums cancel so much that single precision
+might not hold the model, the comparison shows whether it does.
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ from rlgcomp.units import SECONDS_PER_MINUTE
 
 Array = npt.NDArray[np.float64]
 AGREEMENT: Final = 1e-12
+MOST_OF_BIAS: Final = 0.01  # whatever rounding may do: code that is further off is of no use, and a bound above passes wrong code
 _EPSILON: Final = float(np.finfo(np.float64).eps)
 _UNIT: Final = 2.0**-24
 _ROWS: Final = 500
@@ -80,6 +84,8 @@ def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, pr
     if stream.rate_deg_h is not None:  # the offset is a mean of rates less biases, which are off by as much themselves
         rates = np.abs(stream.rate_deg_h[np.isfinite(stream.rate_deg_h)]).max(initial=0.0)
         allowed_deg_h = allowed_deg_h + allowed_deg_h.max() + 8.0 * _EPSILON * rates + 2.0 * unit * np.abs(stream.bias_deg_h).max()
+    largest = MOST_OF_BIAS * (span_deg_h(compensator) + np.abs(np.where(stream.valid, stream.bias_deg_h, 0.0)))
+    allowed_deg_h = np.minimum(allowed_deg_h, largest)
     return Bounds(
         allowed_deg_h,
         unit * (beyond + (8.0 + expansion.features) * (stream.half_width_deg_h + compensator.interval_.inside_deg_h)),

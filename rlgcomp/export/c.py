@@ -15,6 +15,7 @@ import pandas as pd
 
 from rlgcomp.compensation.artefact import identity
 from rlgcomp.compensation.compensator import load
+from rlgcomp.errors import InputError
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.accuracy import Bounds, bounds_of, span_deg_h
 from rlgcomp.export.c_source import KINDS, Design, operations, render, state_bytes
@@ -249,6 +250,12 @@ def _verified(
             tools.selftest(toolchain, command)
             for stream, allowed in zip(streams, bounds, strict=True):
                 check = tools.check(toolchain, command, stream, allowed)
+                if check.wrong and design.precision == "float":
+                    raise InputError(
+                        f"in single precision {check.wrong} of {check.samples} samples of {check.stream} are off by up to "
+                        f"{check.largest_deg_h:.3g} deg/h, more than is allowed: the sums of this model cancel too much. Export it "
+                        "with --precision double, or train a smoother one (--model dynamic)"
+                    )
                 if check.wrong:
                     raise RuntimeError(f"the exported C does not agree with Python: {check}")
                 checks.append(check)

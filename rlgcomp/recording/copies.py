@@ -205,8 +205,12 @@ def _bends(means: Array) -> Array:
 
 
 def _without_gaps(run: Recording, rate_deg_h: Array) -> Array:
-    """A gyro at the times of a steady clock, lost samples interpolated: a copy without them has its noise in the same places."""
-    places = np.rint((run.time_s - run.time_s[0]) / run.period_s)
+    """A gyro at the times of a steady clock, lost samples interpolated: a copy without them has its noise in the same places.
+
+    What leads in to an interval of a recording is no part of it: it may be another run.
+    """
+    time_s, rate_deg_h = run.time_s[run.scored], rate_deg_h[run.scored]
+    places = np.rint((time_s - time_s[0]) / run.period_s)
     if len(places) < 2 or places[-1] == len(places) - 1 or places[-1] > MOST_FILLED * len(places):
         return rate_deg_h
     return np.interp(np.arange(places[-1] + 1.0), places, rate_deg_h)

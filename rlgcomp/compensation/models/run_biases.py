@@ -26,6 +26,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 _RATIOS: Final = np.r_[0.0, 10.0 ** np.arange(-2.0, 6.01, 0.125)]  # of rho, over what the rows of a run can resolve
+_UNSEEN: Final = 1e-20  # of M: other columns, as of a monitor that is constant in each run, say all that the biases would
 
 
 def indicator(runs: npt.NDArray[Any]) -> Array:
@@ -82,7 +83,7 @@ def _likeliest(values: Array, vectors: Array, g: Array, q: Array, rows: int, ran
         return np.zeros(len(values))
     turned = np.einsum("mij,mi->mj", vectors, g)
     scale = values.sum(axis=1) / rank
-    rho = _RATIOS / np.maximum(scale, np.finfo(np.float64).tiny)[:, None]
+    rho = np.where(scale > _UNSEEN, 1.0 / np.maximum(scale, _UNSEEN), 0.0)[:, None] * _RATIOS
     grown = 1.0 + rho[:, :, None] * values[:, None, :]
     explained = rho * ((1.0 / grown) @ turned[:, :, None] ** 2)[:, :, 0]
     residual = np.maximum(q[:, None] - explained, np.finfo(np.float64).tiny)

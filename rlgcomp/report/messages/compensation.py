@@ -115,6 +115,14 @@ def streamed(
 
 
 TEXTS: Final = {
+    "zeroed_by_noise": (
+        "{run}: its offset is a mean over {offset_s:.6g} s ({samples} of its samples), whose noise of {noise_deg_h:.3g} deg/h goes "
+        "into every corrected sample. Take the offset over a longer start, at least the averaging time."
+    ),
+    "zeroed_throughout": (
+        "{run}: it ends after {duration_s:.6g} s, before the {offset_s:.6g} s are over that its offset is taken from: the whole "
+        "run makes the offset, and nothing of it is held out. Give a shorter start."
+    ),
     "turning": (
         "The gyro's means spread by {spread_deg_h:.3g} deg/h, as on a table that turns: the model learns this motion as a bias. "
         "Train on runs at rest, name the table's rate among --features (table_rate_deg_s), or state the gyro's unit."
@@ -152,10 +160,22 @@ TEXTS: Final = {
     "like_runs_alone": (
         "The bias and its interval are for runs whose temperature goes as in these; in others the effect of {groups} is in neither."
     ),
+    "offsets_between": (
+        "Each of the {parts} has an offset of its own (switch-on, mounting) that the model cannot know: with {parts} left out "
+        "{residual_deg_h:.3g} deg/h is left, but about the mean of each {within_deg_h:.3g} of {within_before_deg_h:.3g} deg/h. "
+        "Zero the offset at the start of a run (--offset zero-at-start 600)."
+    ),
+    "constant_within_runs": (
+        "Hardly any change within a run, but from run to run: {inputs}. What that does cannot be told from the runs' own offsets "
+        "(switch-on). Leave it out by --features, or record runs in which it changes."
+    ),
     "no_gain": (
         "With {parts} left out the residual is {residual_deg_h:.3g} deg/h, no less than the {before_deg_h:.3g} deg/h before: "
         "on {parts} that it has not seen this model is worse than none. Test it on other {parts} with rlgcomp evaluate before it "
         "is used; look at its training runs with rlgcomp inspect, add more of them, or use fewer --features."
+    ),
+    "adapted_to_known": (
+        "{unit} is one of the units that the adapted model was trained on: runs of it in that training are no test of this one."
     ),
     "other_unit": (
         "{run} is of unit {unit}, and the model was trained on {trained_unit} alone: the bias of each gyro has a course of its own."

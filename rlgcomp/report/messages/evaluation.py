@@ -39,6 +39,10 @@ TEXTS: Final = {
         "{run}: the residual has a mean of {mean_deg_h:+.3g} deg/h, more than its scatter: an offset since training (switch-on, "
         "mounting, Earth rate) that no monitor explains."
     ),
+    "worse_with_offset": (
+        "{run}: with that offset the residual is {residual_rms_deg_h:.3g} deg/h rms, more than the {raw_rms_deg_h:.3g} deg/h of "
+        "the gyro as it is: on this run the compensation does harm unless its offset is zeroed (--offset zero-at-start 600)."
+    ),
     "adds_noise": (
         "{run}: the compensation adds {added_deg_h:.3g} deg/h of noise to the gyro's {floor_deg_h:.3g} deg/h, as one that "
         "reads a noisy monitor does; train without that monitor (--features)."
