@@ -69,6 +69,17 @@ def test_slower_channels_on_their_own_time_are_interpolated(tmp_path: Path, name
     assert "fast/vibration" in column_names(tmp_path / "a.h5")
 
 
+def test_a_mapped_time_is_the_time_base_however_many_slower_channels_are_mapped(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["imu/t"], file["imu/wz"] = TIME, RATES[:, 2]
+        file["therm/time"], file["therm/block"], file["therm/shell"] = SLOW_TIME, SLOW, SLOW + 1.0
+    columns = {"time_s": "imu/t", "gyro_z_deg_h": "imu/wz", "temperature_block_degC": "therm/block"}
+    run = rlg.read(tmp_path / "a.h5", columns=columns | {"temperature_shell_degC": "therm/shell"})
+    assert len(run) == ROWS
+    assert run.column("gyro_z_deg_h") == pytest.approx(RATES[:, 2])
+    assert run.column("temperature_shell_degC") == pytest.approx(BLOCK + 1.0)
+
+
 def test_a_mapping_chooses_among_groups(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for k, run in enumerate(("first", "second")):

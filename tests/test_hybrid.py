@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import rlgcomp as rlg
 from rlgcomp.cli import app, register_commands
 from rlgcomp.compensation.feature_pipeline import FeatureRecipe
-from rlgcomp.compensation.known_physics import LEARNT, known_physics
+from rlgcomp.compensation.known_physics import LEARNT, known_physics, on_amplitudes
 from rlgcomp.compensation.models.lssvm_search import WITHOUT_KERNEL
 from rlgcomp.export import toolchain as tools
 from rlgcomp.export.c_source import physics_bytes
@@ -228,6 +228,15 @@ def test_amplitudes_that_mean_nothing_have_a_remark(short_runs: list[rlg.Recordi
     (remark,) = [one for one in doubled.remarks_ if one.code == "compensation.parts_cancel"]
     assert sum(remark.data["shares"].values()) == pytest.approx(100.0)
     assert max(remark.data["shares"].values()) > 120.0
+
+
+@pytest.mark.parametrize(("sd", "told"), [(0.003, False), (0.03, True)])
+def test_parts_that_oppose_each_other_cancel_only_if_they_are_uncertain(sd: float, told: bool) -> None:
+    """A play less its temperature opposes a polynomial, however well both are known."""
+    parts = pd.DataFrame({"part": ["thermal_polynomial", "thermal_hysteresis", LEARNT], "share": [1.25, -0.25, 0.0]})
+    rows = [("thermal_polynomial", "c1_deg_h_K", 0.0134, 0.0004, 0.0), ("thermal_hysteresis", "k3_deg_h_K", 0.031, sd, 0.0)]
+    amplitudes = pd.DataFrame(rows, columns=["mechanism", "parameter", "value", "sd", "given"])
+    assert ("compensation.parts_cancel" in [one.code for one in on_amplitudes(parts, amplitudes)]) is told
 
 
 def test_beyond_the_range_physics_goes_on_and_the_rest_keeps_its_value(unit: rlg.Simulator) -> None:

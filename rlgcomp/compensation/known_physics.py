@@ -31,6 +31,7 @@ Array = npt.NDArray[np.float64]
 LEARNT: Final = "LS-SVM"  # the part that is no known physics
 CLEARLY_WORSE: Final = 1.1  # times the error without known physics
 MOST_SHARE: Final = 1.2  # of the bias's variance in one part: another takes off what it has too much
+WELL_KNOWN: Final = 5.0  # standard deviations of the best known amplitude of a part from zero
 CERTAIN: Final = 2.0  # standard deviations of an amplitude from zero
 
 
@@ -219,7 +220,7 @@ def on_gain(rmse: float | None, without_physics: float | None, y_scale_deg_h: fl
 
 
 def on_amplitudes(parts: pd.DataFrame, amplitudes: pd.DataFrame) -> list[Message]:
-    """Messages on parts that cancel each other, and on mechanisms whose only amplitude is not told from zero.
+    """Messages on uncertain parts that cancel each other, and on mechanisms whose only amplitude is not told from zero.
 
     Parameters
     ----------
@@ -230,7 +231,9 @@ def on_amplitudes(parts: pd.DataFrame, amplitudes: pd.DataFrame) -> list[Message
     if len(parts) and parts["share"].max() > MOST_SHARE:
         large = parts[parts["share"].abs() > MOST_SHARE - 1.0]
         shares = dict(zip(large["part"], (100.0 * large["share"]).tolist(), strict=True))
-        messages.append(message("compensation.parts_cancel", shares=shares))
+        known = (amplitudes["value"].abs() / amplitudes["sd"]).groupby(amplitudes["mechanism"]).max().to_dict()
+        if min(known.get(part, 0.0) for part in shares) < WELL_KNOWN:  # a lag or a play opposes the temperature that it follows
+            messages.append(message("compensation.parts_cancel", shares=shares))
     unknown = amplitudes[~amplitudes["mechanism"].duplicated(keep=False) & (amplitudes["value"].abs() < CERTAIN * amplitudes["sd"])]
     if len(unknown):
         found = [f"{row.mechanism}.{row.parameter} {row.value:.2g} ± {row.sd:.2g}" for row in unknown.itertuples()]

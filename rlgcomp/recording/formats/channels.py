@@ -129,7 +129,7 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
     passed_over : sequence of str
         Names of what is no channel.
     wanted : sequence of str
-        Sources of a mapping: the time base is that of the channels that they name, first of all of the gyros.
+        Sources of a mapping: the time base is that of the time that they name, else of the channels, first of all of the gyros.
 
     Raises
     ------
@@ -142,9 +142,10 @@ def contents_of(channels: Sequence[Channel], path: Path, passed_over: Sequence[s
     asked = [_bare(part) for source in wanted for part in (source, *source.split("+"))]
     bases = _bases(channels, asked)
 
-    def merit(base: _Base) -> tuple[int, bool, int, int]:
-        named = sum(one.name in asked or _full(one) in asked for one in base.channels)
-        return named, any(is_gyro(one.name) for one in base.channels), len(base.channels), base.rows
+    def merit(base: _Base) -> tuple[bool, int, bool, int, int]:
+        named = [one for one in base.channels if one.name in asked or _full(one) in asked]
+        timed = any(_is_time(one) for one in named)
+        return timed, len(named), any(is_gyro(one.name) for one in base.channels), len(base.channels), base.rows
 
     main = max(bases, key=merit)
     names = {name if _full(one) not in asked else _full(one): one for name, one in _names(main.channels).items()}
