@@ -77,6 +77,20 @@ def test_few_windows_tell_apart_what_many_do(averaging_s: float) -> None:
     assert "temperature_rate" in [feature.group for feature in model.pipeline_.features]
 
 
+def test_which_thermometer_leads_hangs_on_no_order_and_is_told() -> None:
+    training = []
+    for k in range(2):
+        temperature = cycle(20.0, 50.0, 4.0, phase=k / 3.0)
+        named = {"temperature_mirror_degC": temperature, "temperature_case_degC": temperature[::-1]}
+        other = run(temperature, 70 + k, **dict(list(named.items())[:: (-1) ** k]))
+        training.append(other.replace(table=other.table.drop(columns="temperature_block_degC")))
+    models = [rlg.Compensator(rlg.CubicLeastSquares()).fit(runs) for runs in (training, training[::-1])]
+    for model in models:
+        assert {feature.columns[0] for feature in model.pipeline_.features if feature.group == "lag"} == {"temperature_case_degC"}
+        (remark,) = [one for one in model.remarks_ if one.code == "compensation.leading_thermometer"]
+        assert remark.data == {"column": "temperature_case_degC", "others": ["temperature_mirror_degC"]}
+
+
 def test_a_monitor_that_only_differs_between_runs_is_told() -> None:
     training = []
     for k, level in enumerate((1.0, 1.2, 0.7)):

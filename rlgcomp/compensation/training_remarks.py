@@ -16,12 +16,13 @@ from rlgcomp.compensation.window_means import Scaling, WindowMeans
 from rlgcomp.recording import Recording
 from rlgcomp.recording.comparison import noise_of_means_deg_h
 from rlgcomp.report.messages import Message, message
-from rlgcomp.units import EARTH_RATE_DEG_H
+from rlgcomp.units import EARTH_RATE_DEG_H, is_thermometer
 
 logger = logging.getLogger(__name__)
 TABLE_RATE: Final = "table_rate_deg_s"
 TURNING_DEG_H: Final = 360.0  # spread of the means of a gyro that no bias has: 0.1 deg/s
 TURNING_STEADILY_DEG_H: Final = 3600.0  # mean that no bias has: 1 deg/s
+BLOCK: Final = "temperature_block_degC"
 HARDLY_WITHIN: Final = 0.01  # of a monitor's variance over all runs
 BELOW_NOISE: Final = 0.8  # of the noise of the means: no error with runs left out is less
 _MUCH_OF_EARTH_RATE: Final = 0.1
@@ -62,6 +63,17 @@ def on_selection(selection: Selection, model: Any, training: Sequence[WindowMean
     gains = selection.rmse is None or selection.rmse < 1.0
     about_means_deg_h = None if gains else HeldOutErrors.of(model, training, scaling).about_means_deg_h
     return selection.remarks(scaling.y_scale_deg_h, "runs", about_means_deg_h)
+
+
+def on_leading_thermometer(runs: Sequence[Recording], pipeline: FeatureRecipe) -> list[Message]:
+    """A message where there are several thermometers and none is the block's: which of them supplies rate, lag and memory."""
+    thermometers = sorted({column for run in runs for column in run.columns if is_thermometer(column)})
+    leading = [feature.columns[0] for feature in pipeline.features if feature.group in ("temperature_rate", "lag", "memory")]
+    if len(thermometers) < 2 or BLOCK in thermometers or not leading:
+        return []
+    return [
+        message("compensation.leading_thermometer", column=leading[0], others=[one for one in thermometers if one != leading[0]])
+    ]
 
 
 def on_constant_inputs(training: Sequence[WindowMeans], pipeline: FeatureRecipe) -> list[Message]:

@@ -134,5 +134,5 @@ def written(model: str | Path, to: str, name: str | None = None) -> tuple[str, .
 
 def _target(to: str) -> ModuleType:
     if to not in TARGETS:
-        raise InputError(f"--to {to!r} is unknown; known are {', '.join(TARGETS)}")
+        raise InputError(f"--to {to!r} is unknown; known are {', '.join(TARGETS)}, and px4 and ardupilot of the command")
     return importlib.import_module(TARGETS[to])

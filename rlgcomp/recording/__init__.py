@@ -252,7 +252,7 @@ class Recording:
 
     @property
     def temperature_column(self) -> str:
-        """The block thermometer, or the first thermometer where the block has none.
+        """The block thermometer, or the first by name where the block has none, whatever the order of columns.
 
         Raises
         ------
@@ -262,7 +262,7 @@ class Recording:
         thermometers = [column for column in self.columns if is_thermometer(column)]
         if not thermometers:
             raise InputError(f"{self.name} has no temperature_..._degC column; map one with --map temperature_block_degC=NAME")
-        return "temperature_block_degC" if "temperature_block_degC" in thermometers else thermometers[0]
+        return "temperature_block_degC" if "temperature_block_degC" in thermometers else min(thermometers)
 
     # --- making others -------------------------------------------------------------------------------------------------
 

@@ -165,6 +165,10 @@ TEXTS: Final = {
         "{residual_deg_h:.3g} deg/h is left, but about the mean of each {within_deg_h:.3g} of {within_before_deg_h:.3g} deg/h. "
         "Zero the offset at the start of a run (--offset zero-at-start 600)."
     ),
+    "leading_thermometer": (
+        "No column is temperature_block_degC: rate, lag and memory are those of {column}, the first by name, and not of "
+        "{others}. Map the one at the gyro block, as in --map temperature_block_degC={column}."
+    ),
     "constant_within_runs": (
         "Hardly any change within a run, but from run to run: {inputs}. What that does cannot be told from the runs' own offsets "
         "(switch-on). Leave it out by --features, or record runs in which it changes."
