@@ -177,14 +177,20 @@ _SUFFIXES: Final[dict[str, str]] = {
     **{f"_{unit.replace('/', '_')}": unit for unit in _RATES},
 }
 # Words before `_s` with which it stands for "per second" of a unit that is not known, not for seconds.
-_PER: Final = frozenset({"per", "kg", "l", "m", "mm"}.union(*(units for units in _DIMENSIONS.values())))
+_PER: Final = frozenset(
+    {"per", "kg", "l", "L", "ml", "mL", "m", "m3", "mm", "N", "kN", "Pa", "W", "A", "mSv"}.union(
+        *(units for units in _DIMENSIONS.values())
+    )
+)
 _INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[-−⁻](?P<power>[123¹²³])")
 _SPOKEN: Final = re.compile(  # at the end of a column's name
-    r"_(?P<base>rad|mrad|urad|deg|arcsec|m|mm|um|km|N|Nm|kg|g|A|mA|V|mV|W|Pa|hPa|bar|T|uT|Hz|J|l|counts|pulses|K|degC|s|min|h|"
-    r"percent|pct|ppm|rpm|dB|Ohm|kOhm)"
-    r"(?:_(?P<per>s|min|h|m|K|V|Hz|degC))?(?P<power>[23])?"
+    r"_(?P<base>rad|mrad|urad|deg|arcsec|m|mm|um|km|N|kN|Nm|kg|g|mg|ug|A|mA|V|mV|W|kW|Pa|kPa|MPa|hPa|bar|T|uT|Hz|J|l|L|ml|mL|m2|m3|"
+    r"Sv|mSv|counts|pulses|K|degC|s|min|h|percent|pct|ppm|rpm|dB|Ohm|kOhm)"
+    r"(?:_(?P<per>s|min|h|m|m3|K|V|Hz|degC|kg|l|L))?(?P<power>[23])?"
     r"$"
 )
+_BEFORE_A_UNIT: Final = re.compile(r"(?:^|_)(?:[A-Za-z]|[munµk]?(?:[gAVWNJlL]|Pa|Sv|Hz|mol)|[cmk]?m[23]?|rad|deg|counts|pulses)$")
+_BEFORE_TWO_UNITS: Final = re.compile(r"_[mk]?[WJN]$")
 _PLATINUM: Final = re.compile(r"(?P<unit>.*\S)\s+pt(?P<ohm>100|200|500|1000)", re.IGNORECASE)
 _OVER: Final = re.compile(r"\s*/\s*|[\s_]*per[\s_]*|\s+(?:pro|por|par|в)\s+|每|p", re.IGNORECASE)
 _LONGEST_UNIT: Final = 40  # letters
@@ -243,6 +249,8 @@ def display_unit(column: str) -> str:
     ('rad/s^2', 'rad', '')
     >>> display_unit("temperature_block_degC"), display_unit("force_N"), display_unit("humidity_percent")
     ('degC', 'N', '%')
+    >>> display_unit("outflow_L_min"), display_unit("flow_m3_h"), display_unit("u_W_m2_K"), display_unit("T_min")
+    ('L/min', 'm^3/h', '', '')
     """
     known = column_unit(column)
     if known is not None:
@@ -250,8 +258,12 @@ def display_unit(column: str) -> str:
     found = _SPOKEN.search(column)
     if found is None:
         return ""
-    power, base = f"^{found['power']}" if found["power"] else "", "%" if found["base"] in ("percent", "pct") else found["base"]
-    return f"{base}/{found['per']}{power}" if found["per"] else f"{base}{power}"
+    before = _BEFORE_TWO_UNITS if found["per"] else _BEFORE_A_UNIT
+    if (found["base"], found["per"]) == ("Pa", "s") or before.search(column[: found.start()]):
+        return ""  # a product of units, or one of which this is a part
+    base = {"percent": "%", "pct": "%", "m2": "m^2", "m3": "m^3"}.get(found["base"], found["base"])
+    per, power = "m^3" if found["per"] == "m3" else found["per"], f"^{found['power']}" if found["power"] else ""
+    return f"{base}/{per}{power}" if per else f"{base}{power}"
 
 
 def is_thermometer(column: str) -> bool:

@@ -510,3 +510,13 @@ def test_an_output_is_never_said_to_be_in_units_of_a_gyro(run: rlg.Recording, tm
         said = " ".join(f"{shown.output} {shown.exception}".split())
         assert re.search(message, said), said
         assert "deg/h" not in said
+
+
+@pytest.mark.parametrize("output", [None, "force_N"])
+def test_a_simulator_that_gives_the_recording_is_refused(output: str | None) -> None:
+    """Of another quantity it was a division by zero."""
+    time_s = np.arange(0.0, 4000.0, 10.0)
+    table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.sin(time_s / 300.0), "level_V": np.cos(time_s / 500.0)})
+    run = rlg.Recording(table.assign(force_N=table["gyro_deg_h"]), name="warm")
+    with pytest.raises(rlg.InputError, match="the residual of warm is exactly zero"):
+        rlg.diagnose(lambda run: np.sin(run.time_s / 300.0), train=[run], output=output, black_box=False)

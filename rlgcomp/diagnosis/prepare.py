@@ -116,6 +116,9 @@ class Prepared:
                 _require_whole_rate(run, gyro)
             scaled = scale_message(runs, [run.column(SIMULATED) for run in runs], gyro)
             warnings += [] if scaled is None else [scaled]
+        if predicted is not None and output is not None:
+            for run in runs:
+                _require_residual(run, run.column(output))
         if turning:
             runs, found = with_rates(runs)
             messages += found
@@ -204,14 +207,20 @@ def _require_following(run: Recording, channel: str, rate_deg_h: Array, table_de
     )
 
 
+def _require_residual(run: Recording, recorded: Array) -> None:
+    """Refuse a simulation that leaves nothing of what was recorded."""
+    if float(np.abs(recorded - run.column(SIMULATED)).max()) <= _ROUNDING * float(np.abs(recorded).max()):
+        raise InputError(
+            f"the residual of {run.name} is exactly zero, so that the recording is itself simulated, or the simulator reads the "
+            "output; give recordings of a real system, and a simulator that does not know them"
+        )
+
+
 def _require_whole_rate(run: Recording, gyro: str | None) -> None:
     """Refuse a simulation of a gyro's errors alone, after which all of its table's rate remains, and one that leaves nothing."""
     left_deg_h = run.rate_deg_h(gyro) - run.column(SIMULATED)
     _require_sane(run, left_deg_h)
-    if float(np.abs(left_deg_h).max()) <= _ROUNDING * float(np.abs(run.rate_deg_h(gyro)).max()):
-        raise InputError(
-            f"the residual of {run.name} is exactly zero, so that the recording is itself simulated; give recordings of a gyro"
-        )
+    _require_residual(run, run.rate_deg_h(gyro))
     if RATE not in run:
         return
     turning = SECONDS_PER_HOUR * (run.column(RATE) - run.column(RATE).mean())
