@@ -15,8 +15,8 @@ Single precision, u = 2^-24: every input is off by what rounding its monitors ma
 m_j being the magnitudes that enter input j and M the sum of absolute terms of v, each weighted with how strongly it answers to its
 argument. Maxima are over the samples compared.
 
-Never is more allowed than a hundredth of the bias's span and of the bias itself: where sums cancel so much that single precision
-might not hold the model, the comparison shows whether it does.
+Within the training range never is more allowed than a hundredth of the bias's span and of the bias itself: where sums cancel so
+much that single precision might not hold the model, the comparison shows whether it does.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from rlgcomp.compensation.models.kernels import gaussian, squared_distances
 from rlgcomp.compensation.models.lssvm import LSSVMRegressor
 from rlgcomp.compensation.physics_terms import PhysicsTerm
 from rlgcomp.export.expansion import Expansion, third_remainder
-from rlgcomp.export.golden import EITHER, Stream
+from rlgcomp.export.golden import EITHER, OK, Stream
 from rlgcomp.export.target import Precision
 from rlgcomp.units import SECONDS_PER_MINUTE
 
@@ -84,8 +84,8 @@ def bounds_of(stream: Stream, compensator: Compensator, expansion: Expansion, pr
     if stream.rate_deg_h is not None:  # the offset is a mean of rates less biases, which are off by as much themselves
         rates = np.abs(stream.rate_deg_h[np.isfinite(stream.rate_deg_h)]).max(initial=0.0)
         allowed_deg_h = allowed_deg_h + allowed_deg_h.max() + 8.0 * _EPSILON * rates + 2.0 * unit * np.abs(stream.bias_deg_h).max()
-    largest = MOST_OF_BIAS * (span_deg_h(compensator) + np.abs(np.where(stream.valid, stream.bias_deg_h, 0.0)))
-    allowed_deg_h = np.minimum(allowed_deg_h, largest)
+    largest = MOST_OF_BIAS * (span_deg_h(compensator) + np.abs(stream.bias_deg_h))
+    allowed_deg_h = np.where(stream.status == OK, np.minimum(allowed_deg_h, largest), allowed_deg_h)
     return Bounds(
         allowed_deg_h,
         unit * (beyond + (8.0 + expansion.features) * (stream.half_width_deg_h + compensator.interval_.inside_deg_h)),
