@@ -186,11 +186,13 @@ _INVERSE: Final = re.compile(r"(?P<base>\S+)[ *·](?P<per>\S+?)\s*(\^|\*\*)?\s*[
 _SPOKEN: Final = re.compile(  # at the end of a column's name
     r"_(?P<base>rad|mrad|urad|deg|arcsec|m|mm|um|km|N|kN|Nm|kg|g|mg|ug|A|mA|V|mV|W|kW|Pa|kPa|MPa|hPa|bar|T|uT|Hz|J|l|L|ml|mL|m2|m3|"
     r"Sv|mSv|counts|pulses|K|degC|s|min|h|percent|pct|ppm|rpm|dB|Ohm|kOhm)"
-    r"(?:_(?P<per>s|min|h|m|m3|K|V|Hz|degC|kg|l|L))?(?P<power>[23])?"
+    r"(?:_(?P<per>s|min|h|m|K|V|Hz|degC|kg|l|L))?(?P<power>[23])?"
     r"$"
 )
-_BEFORE_A_UNIT: Final = re.compile(r"(?:^|_)(?:[A-Za-z]|[munµk]?(?:[gAVWNJlL]|Pa|Sv|Hz|mol)|[cmk]?m[23]?|rad|deg|counts|pulses)$")
-_BEFORE_TWO_UNITS: Final = re.compile(r"_[mk]?[WJN]$")
+_DENOMINATORS: Final = frozenset({"s", "min", "h", "m", "m2", "m3", "K", "degC", "kg", "l", "L"})
+_OTHER_UNIT: Final = re.compile(r"_(?:[GMkcdmunµp](?:g|A|V|W|N|J|l|L|Pa|Sv|Hz|mol)|mol|[cd]m[23])$")  # which one of those is per
+_EXTREME: Final = re.compile(r"(?:^|_)[A-Z]$")  # T_min is a least temperature, no time
+_TWO_BEFORE: Final = re.compile(r"_[mk]?[WJN]$")
 _PLATINUM: Final = re.compile(r"(?P<unit>.*\S)\s+pt(?P<ohm>100|200|500|1000)", re.IGNORECASE)
 _OVER: Final = re.compile(r"\s*/\s*|[\s_]*per[\s_]*|\s+(?:pro|por|par|в)\s+|每|p", re.IGNORECASE)
 _LONGEST_UNIT: Final = 40  # letters
@@ -251,6 +253,8 @@ def display_unit(column: str) -> str:
     ('degC', 'N', '%')
     >>> display_unit("outflow_L_min"), display_unit("flow_m3_h"), display_unit("u_W_m2_K"), display_unit("T_min")
     ('L/min', 'm^3/h', '', '')
+    >>> display_unit("F_N"), display_unit("x_m"), display_unit("t_min"), display_unit("pump_A_bar")
+    ('N', 'm', 'min', 'bar')
     """
     known = column_unit(column)
     if known is not None:
@@ -258,12 +262,18 @@ def display_unit(column: str) -> str:
     found = _SPOKEN.search(column)
     if found is None:
         return ""
-    before = _BEFORE_TWO_UNITS if found["per"] else _BEFORE_A_UNIT
-    if (found["base"], found["per"]) == ("Pa", "s") or before.search(column[: found.start()]):
-        return ""  # a product of units, or one of which this is a part
+    before = column[: found.start()]
+    if (found["base"], found["per"]) == ("Pa", "s") or (found["per"] and _TWO_BEFORE.search(before)):
+        return ""  # a product of units, or a part of one
+    if (
+        not found["per"]
+        and found["base"] in _DENOMINATORS
+        and (_OTHER_UNIT.search(before) or (found["base"] in ("min", "h") and _EXTREME.search(before)))
+    ):
+        return ""
     base = {"percent": "%", "pct": "%", "m2": "m^2", "m3": "m^3"}.get(found["base"], found["base"])
-    per, power = "m^3" if found["per"] == "m3" else found["per"], f"^{found['power']}" if found["power"] else ""
-    return f"{base}/{per}{power}" if per else f"{base}{power}"
+    power = f"^{found['power']}" if found["power"] else ""
+    return f"{base}/{found['per']}{power}" if found["per"] else f"{base}{power}"
 
 
 def is_thermometer(column: str) -> bool:

@@ -127,6 +127,18 @@ def test_a_run_that_cools_is_told_where_training_only_warmed(tmp_path: Path) -> 
             assert [group for remark in remarks for group in remark.data["inputs"] if group == "temperature_rate"] == beyond
 
 
+def test_a_run_may_lack_a_monitor_that_has_no_weight() -> None:
+    """A shell thermometer whose gradient two warm-ups cannot tell apart."""
+    training = [
+        run(one, k, temperature_shell_degC=0.9 * one + 3.0) for k, one in enumerate((warm_up(20.0, 30.0), warm_up(22.0, 28.0)))
+    ]
+    model = rlg.Compensator().fit(training)
+    assert model.untold_.recipe is not None
+    assert "gradient" in [feature.group for feature in model.untold_.recipe.features]
+    remarks = [one.code for one in rlg.evaluate(model, [run(warm_up(48.0, -26.0), 3)], compare=False).remarks]
+    assert "evaluation.untold" in remarks
+
+
 def test_runs_up_and_down_keep_all_groups(short_runs: list[rlg.Recording]) -> None:
     model = rlg.Compensator(rlg.CubicLeastSquares()).fit([run(cycle(20.0, 50.0, 4.0, phase=k / 3.0), k) for k in range(2)])
     assert [feature.group for feature in model.pipeline_.features] == ["temperature", "temperature_rate", "lag", "memory"]

@@ -156,12 +156,10 @@ def train(
     from rlgcomp.compensation.models import DEFAULT, MODELS
     from rlgcomp.compensation.models.specification import sequential
     from rlgcomp.errors import InputError
-    from rlgcomp.recording import DEFAULT_AVERAGING_S
     from rlgcomp.recording.provenance import with_digests
 
     _require_folders(out, export, runs, adapt, calibration, simulator, None if physics in (None, AUTO) else Path(physics))
-    if adapt is not None and (model is not None or features != "all" or averaging_s != DEFAULT_AVERAGING_S):
-        raise InputError("--adapt takes model, features and averaging time from the adapted model; leave out those that you give")
+    _require_options(adapt, model, features, averaging_s)
     if model is None:
         model = DEFAULT if physics is None and device is None else MODEL_OF_PHYSICS
     if model not in MODELS:
@@ -289,11 +287,19 @@ def _require_folders(out: Path, export: Path | None, *read: Path | list[str] | N
     require_folder(out, _written(out, export), *read)
 
 
-def _warn_of_long_fit(device: str | None, recordings: list[Recording], averaging_s: float) -> None:
-    """Warn where `--device` finds no graphics card and many rows are fitted on the processor."""
+def _require_options(adapt: Path | None, model: str | None, features: str, averaging_s: float) -> None:
+    """Refuse an averaging time that is none, and what an adapted model has already."""
     from rlgcomp.compensation.window_means import require_averaging
+    from rlgcomp.errors import InputError
+    from rlgcomp.recording import DEFAULT_AVERAGING_S
 
     require_averaging(averaging_s)
+    if adapt is not None and (model is not None or features != "all" or averaging_s != DEFAULT_AVERAGING_S):
+        raise InputError("--adapt takes model, features and averaging time from the adapted model; leave out those that you give")
+
+
+def _warn_of_long_fit(device: str | None, recordings: list[Recording], averaging_s: float) -> None:
+    """Warn where `--device` finds no graphics card and many rows are fitted on the processor."""
     rows = sum(round(recording.duration_s / averaging_s) for recording in recordings)
     if device is None or rows <= MANY_ROWS:
         return

@@ -60,14 +60,16 @@ class UntoldInputs:
         return cls(recipe, tuple((low - margin).tolist()), tuple((high + margin).tolist()))
 
     def remarks(self, run: Recording) -> list[Message]:
-        """A remark where one of them often lies beyond its range in a run."""
-        if self.recipe is None:
+        """A remark where one of them often lies beyond its range in a run; a run may lack the monitors of some."""
+        there = [] if self.recipe is None else [one for one in self.recipe.features if set(one.columns) <= set(run.columns)]
+        if self.recipe is None or not there:
             return []
-        values = self.recipe.transform(run).to_numpy()[run.scored]
-        beyond = ((values < self.low) | (values > self.high)).mean(axis=0)
-        if not len(values) or beyond.max() <= OFTEN_BEYOND:
+        own = np.isin(self.recipe.names, [name for feature in there for name in feature.names])
+        values = FeatureRecipe(tuple(there)).transform(run).to_numpy()[run.scored]
+        beyond = ((values < np.array(self.low)[own]) | (values > np.array(self.high)[own])).mean(axis=0)
+        if beyond.max() <= OFTEN_BEYOND:
             return []
-        groups = [feature.group for feature in self.recipe.features for _ in feature.names]
+        groups = [feature.group for feature in there for _ in feature.names]
         names = dict.fromkeys(group for group, share in zip(groups, beyond, strict=True) if share > OFTEN_BEYOND)
         return [message("evaluation.untold", run=run.name, percent=100.0 * float(beyond.max()), inputs=list(names))]
 

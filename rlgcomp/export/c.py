@@ -247,7 +247,6 @@ def _verified(
                 continue
             samples = sum(len(stream.time_s) for stream in streams)
             logger.info("%s: comparing %d samples with Python", toolchain.name, samples)  # minutes on an emulated board
-            tools.selftest(toolchain, command)
             for stream, allowed in zip(streams, bounds, strict=True):
                 check = tools.check(toolchain, command, stream, allowed)
                 if check.wrong and design.precision == "float":
@@ -259,6 +258,7 @@ def _verified(
                 if check.wrong:
                     raise RuntimeError(f"the exported C does not agree with Python: {check}")
                 checks.append(check)
+            tools.selftest(toolchain, command)
             if "-O2" in toolchain.flags:
                 size = tools.sizes(toolchain, module, built)
                 measured += [] if size is None else [{"toolchain": tools.version(toolchain), **size}]

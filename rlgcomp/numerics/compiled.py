@@ -126,9 +126,10 @@ def _known_by_content(function: Any, folder: Path) -> types.CodeType | None:
         file = folder / "loops" / digest / f"{function.__name__}.py"
         if not file.exists():
             file.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=file.parent, encoding="utf-8", delete=False) as made:
-                made.write(source)
-            os.replace(made.name, file)
+            with tempfile.TemporaryDirectory(dir=file.parent) as folder_of_file:
+                made = Path(folder_of_file) / file.name
+                made.write_text(source, encoding="utf-8")
+                os.replace(made, file)
     except OSError:  # no source, or no room
         return None
     code: types.CodeType = function.__code__.replace(co_filename=str(file), co_firstlineno=1)

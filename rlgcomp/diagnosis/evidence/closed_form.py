@@ -358,52 +358,6 @@ class Conditional:
         log_dets, left_over = completed(stack)
         return np.asarray(self.of(log_dets + log_det[:, None], np.maximum(left_over, _LEAST * self.square))).T
 
-    def with_one_exchanged(self, parts: Scaled, others: Scaled, places: Sequence[int]) -> Array:
-        r"""Log evidence with a further form of which one column is another, of each size, shape (others, sizes).
-
-        With the columns B of the form beside the set, :math:`M = I + s^2 B^T B` is decomposed once. Where column r gives way to a,
-
-        .. math::
-
-            \log|M_a| = \log|M| + \log p + \log h, \qquad p = (M^{-1})_{rr}, \qquad
-            h = 1 + s^2 a^T a - s^4 \big( c^T M^{-1} c - (M^{-1} c)_r^2 / p \big), \qquad c = B^T a,
-
-        and the quadratic form of the products :math:`v = B^T y` with the data becomes
-
-        .. math:: s^2 \big( v^T M^{-1} v - (M^{-1} v)_r^2 / p \big)
-                  + \big( s\, a^T y - s^3 ( c^T M^{-1} v - (M^{-1} c)_r (M^{-1} v)_r / p ) \big)^2 / h.
-
-        Parameters
-        ----------
-        parts : sequence of (Basis, float)
-            Of the form with their scales, its leading bases first.
-        others : sequence of (Basis, float)
-            Bases of one column and their scales.
-        places : sequence of int
-            Column of the form that each stands in for.
-        """
-        form, own = self.evidence.columns(parts), self.evidence.columns(others)
-        cross_of_form, cross = self.reduced_by(form), self.reduced_by(own)
-        values, turns = np.linalg.eigh(form.T @ form - cross_of_form.T @ cross_of_form)
-        products = form.T @ own - cross_of_form.T @ cross
-        products[places, np.arange(len(places))] = 0.0
-        along = turns.T @ (form.T @ self.evidence.output - cross_of_form.T @ self.weights_half)
-        c, r = products.T @ turns, turns[list(places)]
-        square = np.sum(own**2, axis=0) - np.sum(cross**2, axis=0)
-        with_data = own.T @ self.evidence.output - cross.T @ self.weights_half
-        s = priors.SIZES[:, None]
-        grown = 1.0 + s**2 * np.maximum(values, 0.0)  # (sizes, columns of the form)
-
-        def inverse(one: Array, other: Array) -> Array:
-            """Products over M, shape (sizes, others)."""
-            return np.asarray((1.0 / grown) @ (one * other).T)
-
-        p, of_c, of_data = inverse(r, r), inverse(r, c), inverse(r, along)
-        h = np.maximum(1.0 + s**2 * square - s**4 * (inverse(c, c) - of_c**2 / p), 1.0)
-        left_for_it = s * with_data - s**3 * (inverse(c, along) - of_c * of_data / p)
-        fallen = s**2 * ((1.0 / grown) @ along**2)[:, None] - s**2 * of_data**2 / p + left_for_it**2 / h
-        return self.of_changes(np.sum(np.log(grown), axis=1)[:, None] + np.log(p) + np.log(h), fallen).T
-
     def of_changes(self, log_det: Array, fallen: Array) -> Array:
         """Log evidence where a determinant has grown and the square has fallen by so much."""
         return np.asarray(self.of(self.log_det + log_det, np.maximum(self.square - fallen, _LEAST * self.square)))

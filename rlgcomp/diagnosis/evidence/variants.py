@@ -66,8 +66,56 @@ def gains_of_moves(given: Conditional, form: Form, moves: Sequence[tuple[int, Ba
     possible = [number for number, scale in enumerate(scales) if scale > 0.0]
     if possible and (scaled := bank.scaled(form)) is not None:
         parts = [(moves[number][1], scales[number]) for number in possible]
-        found[possible] = given.with_one_exchanged(scaled, parts, [moves[number][0] for number in possible])
+        found[possible] = _with_one_exchanged(given, scaled, parts, [moves[number][0] for number in possible])
     return found + (np.array(form.sizes) if form.sizes else 0.0)
+
+
+def _with_one_exchanged(given: Conditional, parts: Scaled, others: Scaled, places: Sequence[int]) -> Array:
+    r"""Log evidence with a further form of which one column is another, of each size, shape (others, sizes).
+
+    With the columns B of the form beside the set, :math:`M = I + s^2 B^T B` is decomposed once. Where column r gives way to a,
+
+    .. math::
+
+        \log|M_a| = \log|M| + \log p + \log h, \qquad p = (M^{-1})_{rr}, \qquad
+        h = 1 + s^2 a^T a - s^4 \big( c^T M^{-1} c - (M^{-1} c)_r^2 / p \big), \qquad c = B^T a,
+
+    and the quadratic form of the products :math:`v = B^T y` with the data becomes
+
+    .. math:: s^2 \big( v^T M^{-1} v - (M^{-1} v)_r^2 / p \big)
+              + \big( s\, a^T y - s^3 ( c^T M^{-1} v - (M^{-1} c)_r (M^{-1} v)_r / p ) \big)^2 / h.
+
+    Parameters
+    ----------
+    given : Conditional
+    parts : sequence of (Basis, float)
+        Of the form with their scales, its leading bases first.
+    others : sequence of (Basis, float)
+        Bases of one column and their scales.
+    places : sequence of int
+        Column of the form that each stands in for.
+    """
+    form, own = given.evidence.columns(parts), given.evidence.columns(others)
+    cross_of_form, cross = given.reduced_by(form), given.reduced_by(own)
+    values, turns = np.linalg.eigh(form.T @ form - cross_of_form.T @ cross_of_form)
+    products = form.T @ own - cross_of_form.T @ cross
+    products[places, np.arange(len(places))] = 0.0
+    along = turns.T @ (form.T @ given.evidence.output - cross_of_form.T @ given.weights_half)
+    c, r = products.T @ turns, turns[list(places)]
+    square = np.sum(own**2, axis=0) - np.sum(cross**2, axis=0)
+    with_data = own.T @ given.evidence.output - cross.T @ given.weights_half
+    s = priors.SIZES[:, None]
+    grown = 1.0 + s**2 * np.maximum(values, 0.0)  # (sizes, columns of the form)
+
+    def inverse(one: Array, other: Array) -> Array:
+        """Products over M, shape (sizes, others)."""
+        return np.asarray((1.0 / grown) @ (one * other).T)
+
+    p, of_c, of_data = inverse(r, r), inverse(r, c), inverse(r, along)
+    h = np.maximum(1.0 + s**2 * square - s**4 * (inverse(c, c) - of_c**2 / p), 1.0)
+    left_for_it = s * with_data - s**3 * (inverse(c, along) - of_c * of_data / p)
+    fallen = s**2 * ((1.0 / grown) @ along**2)[:, None] - s**2 * of_data**2 / p + left_for_it**2 / h
+    return given.of_changes(np.sum(np.log(grown), axis=1)[:, None] + np.log(p) + np.log(h), fallen).T
 
 
 def _shared(given: Conditional, scaled: Sequence[Scaled]) -> Shared:
