@@ -223,6 +223,16 @@ def export(model: Path, out: Path, options: Options) -> CExport:
     return result
 
 
+def _disagreement(design: Design, found: str) -> Exception:
+    """A fault of the export; in single precision the model itself may be at fault."""
+    if design.precision == "double":
+        return RuntimeError(found)
+    return InputError(
+        f"{found}. In single precision the sums of this model may cancel too much; export it with --precision double, or train a "
+        "smoother one (--model dynamic)"
+    )
+
+
 def _verified(
     folder: Path, design: Design, streams: Sequence[Stream], bounds: Sequence[Bounds], *, board: bool
 ) -> tuple[list[tools.Check], list[Message], list[dict[str, Any]], dict[str, float]]:
@@ -247,18 +257,15 @@ def _verified(
                 continue
             samples = sum(len(stream.time_s) for stream in streams)
             logger.info("%s: comparing %d samples with Python", toolchain.name, samples)  # minutes on an emulated board
+            try:
+                tools.selftest(toolchain, command)
+            except RuntimeError as error:
+                raise _disagreement(design, str(error)) from None
             for stream, allowed in zip(streams, bounds, strict=True):
                 check = tools.check(toolchain, command, stream, allowed)
-                if check.wrong and design.precision == "float":
-                    raise InputError(
-                        f"in single precision {check.wrong} of {check.samples} samples of {check.stream} are off by up to "
-                        f"{check.largest_deg_h:.3g} deg/h, more than is allowed: the sums of this model cancel too much. Export it "
-                        "with --precision double, or train a smoother one (--model dynamic)"
-                    )
                 if check.wrong:
-                    raise RuntimeError(f"the exported C does not agree with Python: {check}")
+                    raise _disagreement(design, f"the exported C does not agree with Python: {check}")
                 checks.append(check)
-            tools.selftest(toolchain, command)
             if "-O2" in toolchain.flags:
                 size = tools.sizes(toolchain, module, built)
                 measured += [] if size is None else [{"toolchain": tools.version(toolchain), **size}]
