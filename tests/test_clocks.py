@@ -16,10 +16,18 @@ CATALOGUE = rlg.CATALOGUE
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
 CURVED = CATALOGUE["thermal_polynomial"](c1_deg_h_K=1e-3, c2_deg_h_K2=1e-5, c3_deg_h_K3=1e-7)  # type: ignore[call-arg]
 STRAIGHT = CATALOGUE["thermal_polynomial"](c1_deg_h_K=1.5e-3, c2_deg_h_K2=0.0, c3_deg_h_K3=0.0)  # type: ignore[call-arg]
+LOUD = CATALOGUE["thermal_polynomial"](c1_deg_h_K=3e-2, c2_deg_h_K2=1e-3, c3_deg_h_K3=3e-6)  # type: ignore[call-arg]
 PROGRAMMES = ("paper", "minor-loops")
 
 
-def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism = CURVED, monitors: Sequence[str] = ()) -> Any:
+def diagnosed(
+    late_s: Sequence[float],
+    *more: rlg.Mechanism,
+    bias: rlg.Mechanism = CURVED,
+    monitors: Sequence[str] = (),
+    window_s: float | None = 360.0,  # by default of 120 s
+    begins_s: float = 0.0,
+) -> Any:
     """Of runs whose bias is a polynomial and more, and a simulation that knows the polynomial alone, and is late."""
     unit, runs, simulated = rlg.Simulator((bias, *more), noise=NOISE), [], []
     for k, (programme, offset_s) in enumerate(zip(PROGRAMMES, late_s, strict=True)):
@@ -28,10 +36,11 @@ def diagnosed(late_s: Sequence[float], *more: rlg.Mechanism, bias: rlg.Mechanism
         of_bias, time_s = run.truth["thermal_polynomial"].to_numpy(), run.time_s
         shown = {name: np.interp(time_s - offset_s, time_s, run.column(name)) for name in monitors}
         table = pd.DataFrame({"time_s": time_s, "gyro_deg_h": np.interp(time_s - offset_s, time_s, of_bias), **shown})
+        kept = time_s >= begins_s
         seen = [column for mechanism in more for column in mechanism.drivers]
-        runs.append(few_monitors(rlg.Recording(run.table, run.metadata, name=programme), *seen))
-        simulated.append(rlg.Recording(table, name=f"simulated-{programme}"))
-    return rlg.diagnose(None, runs, simulated=simulated, window_s=360.0, black_box=False, **FEWER)  # by default of 120 s
+        runs.append(few_monitors(rlg.Recording(run.table[kept], run.metadata, name=programme), *seen))
+        simulated.append(rlg.Recording(table[kept], name=f"simulated-{programme}"))
+    return rlg.diagnose(None, runs, simulated=simulated, window_s=window_s, black_box=False, **FEWER)
 
 
 def clock(diagnosis: Any) -> dict[str, tuple[float, float]]:
@@ -61,6 +70,17 @@ def test_a_clock_that_is_right_is_left_alone() -> None:
     found = diagnosed((0.0, 0.0))
     assert found.verdict == "none"
     assert not clock(found)
+
+
+@pytest.mark.parametrize("late_s", [(-170.0, -170.0), (250.0, -130.0)])
+def test_a_loud_simulation_that_is_late_lacks_nothing(late_s: tuple[float, float]) -> None:
+    """Runs begin on a ramp: what the simulation would show beyond its ends counts, and how it bends."""
+    found = diagnosed(late_s, bias=LOUD, window_s=None, begins_s=5000.0)
+    assert found.verdict == "none"
+    told = clock(found)
+    for run, one in zip(PROGRAMMES, late_s, strict=True):
+        offset_s, sd_s = told.get(run) or told["all runs"]
+        assert offset_s == pytest.approx(-one, abs=4.0 * sd_s + 1.0)
 
 
 def test_physics_is_no_clock() -> None:

@@ -180,9 +180,9 @@ class Fit:
                 spread = np.sqrt(np.diag(about @ covariance[:n, :n] @ about.T)).tolist()
                 each = zip(lead.runs, (about @ weights[:n]).tolist(), spread, strict=True)
                 return region, {run: Estimate(one, sd, unit) for run, one, sd in each}
-            case Offset(offset_s=offset_s) | EachRun(basis=Offset(offset_s=offset_s)):
-                each = zip(lead.runs if isinstance(lead, EachRun) else ("all runs",), values, sds, strict=False)
-                return CLOCK, {run: Estimate(one * offset_s, sd * abs(offset_s), "s") for run, one, sd in each}
+            case Offset(offsets_s=offsets_s):
+                each = zip(lead.runs if lead.each else ("all runs",), offsets_s, values, sds, strict=False)
+                return CLOCK, {run: Estimate(one * offset_s, sd * abs(offset_s), "s") for run, offset_s, one, sd in each}
             case Late():
                 window_s = scale * self.data.runs[0].grid.window_s
                 kind = LATE_THERMOMETER if is_thermometer(lead.column) else LATE_MONITOR

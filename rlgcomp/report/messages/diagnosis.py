@@ -420,10 +420,9 @@ def amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapp
 
 
 def clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]) -> str:
-    late = _by_run(offsets_s, sds_s, "s")
     return (
-        f"The clock of the simulation is off: the recording shows at a time t what it shows at t less {late}. No monitor tells it, "
-        "all runs together do; no physics is missing there."
+        f"The clock of the simulation is off: its time stamps are right with {_by_run(offsets_s, sds_s, 's')} added to them. No "
+        "monitor tells it, all runs together do; no physics is missing there."
     )
 
 
