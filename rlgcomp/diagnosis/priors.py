@@ -112,6 +112,9 @@ RESTS_APART: Final = 0.6
 room, which programmes begin beside or far from."""
 RESTS_BESIDE: Final = 0.2
 """The same for single relays, which are not polished together."""
+UNSETTLED: Final = 0.5
+"""How far from its driver a lag begins a run, over half the driver's range: recordings begin on a ramp, or before a unit has taken
+the temperature of its room."""
 CURVE_RADII: Final = (0.06, 0.14, 0.3, 0.7)
 CURVE_CENTRES: Final = (-0.6, -0.3, 0.0, 0.3, 0.6)
 CURVE_WIDTHS: Final = (0.15, 0.35, 0.8)

@@ -15,11 +15,12 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data, Grid, Run
 from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.closed_form import Evidence, Member
-from rlgcomp.diagnosis.forms.bases import Basis, Constant, EachRun, Moment, Own
+from rlgcomp.diagnosis.forms.bases import Basis, Constant, EachRun, Moment, Own, Unsettled
 from rlgcomp.diagnosis.forms.terms import Form
 from rlgcomp.diagnosis.regions.baseline import Baseline
 from rlgcomp.diagnosis.regions.clocks import CLOCK, Offset
 from rlgcomp.diagnosis.regions.lateness import LATE_MONITOR, LATE_THERMOMETER, Late
+from rlgcomp.diagnosis.regions.nuisances import BEFORE
 from rlgcomp.diagnosis.regions.selections import BY_RUN, parameter_by_run
 from rlgcomp.diagnosis.search.states import State
 from rlgcomp.numerics.robust import LEAST_P_VALUE
@@ -181,8 +182,8 @@ class Fit:
                 each = zip(lead.runs, (about @ weights[:n]).tolist(), spread, strict=True)
                 return region, {run: Estimate(one, sd, unit) for run, one, sd in each}
             case Offset(offsets_s=offsets_s):
-                each = zip(lead.runs if lead.each else ("all runs",), offsets_s, values, sds, strict=False)
-                return CLOCK, {run: Estimate(one * offset_s, sd * abs(offset_s), "s") for run, offset_s, one, sd in each}
+                shown = zip(lead.runs if lead.each else ("all runs",), offsets_s, values, sds, strict=False)
+                return CLOCK, {run: Estimate(one * offset_s, sd * abs(offset_s), "s") for run, offset_s, one, sd in shown}
             case Late():
                 window_s = scale * self.data.runs[0].grid.window_s
                 kind = LATE_THERMOMETER if is_thermometer(lead.column) else LATE_MONITOR
@@ -200,6 +201,23 @@ class Fit:
                     start = next(float(run.binned.time_s[0]) for run in self.data.runs if run.name == basis.run)
                     size = Estimate(float(weights[j] * scale), math.sqrt(covariance[j, j]) * scale, "deg/h")
                     found.append({"run": basis.run, "at_s": start + basis.at_s, "size": size.to_mapping()})
+        return found
+
+    @property
+    def unsettled(self) -> dict[str, dict[str, Estimate]]:
+        """What had not settled when each run began, at its first window, in the unit of the output; by mechanism and run."""
+        found: dict[str, dict[str, Estimate]] = {}
+        for k, (member, bases) in enumerate(self.parts):
+            edges = np.cumsum([0, *(self.bank.columns(basis).shape[1] for basis, _ in bases)])
+            for (basis, scale), a, b in zip(bases, edges[:-1], edges[1:], strict=True):
+                region = member.form.region
+                if not isinstance(basis, Unsettled) and not (region.endswith(BEFORE) and basis in member.form.lead):
+                    continue
+                weights, covariance = self.weights(k)[a:b], self.covariance(k)[a:b, a:b]
+                of_runs = found.setdefault(region.removesuffix(BEFORE), {})
+                for run, rows in zip(self.data.runs, self.data.slices, strict=True):
+                    first = scale * self.bank.columns(basis)[rows.start]
+                    of_runs[run.name] = Estimate(float(first @ weights), math.sqrt(first @ covariance @ first), "deg/h")
         return found
 
     # --- predictions -----------------------------------------------------------------------------------------------------------

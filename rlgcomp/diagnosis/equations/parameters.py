@@ -26,7 +26,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.answer.fit import Estimate, Fit
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.equations.stated import all_names, are_decays, number_of, ranks, together
-from rlgcomp.diagnosis.forms.bases import Basis, EachRun, Own, Smooth, Times
+from rlgcomp.diagnosis.forms.bases import Basis, EachRun, Own, Smooth, Times, Unsettled
 from rlgcomp.diagnosis.forms.memories import Relays, Undecided
 from rlgcomp.diagnosis.regions.passages import scatter_of
 from rlgcomp.diagnosis.regions.selections import by_run, in_all_runs, runs_of
@@ -80,7 +80,8 @@ def _nearest(fit: Fit, k: int, columns: Array, *beside: Array) -> _Nearest:
         Columns of the member that are no part of the equation, as of what was before a run.
     """
     e, covariance = columns.shape[1], fit.covariance(k)
-    columns = np.hstack([columns, *beside])
+    before = [fit.bank.columns(basis) for basis, _ in fit.parts[k][1] if isinstance(basis, Unsettled)]
+    columns = np.hstack([columns, *beside, *before])
     projected = fit.projected(np.hstack([columns, *(scale * fit.bank.columns(basis) for basis, scale in fit.parts[k][1])]))
     if runs := runs_of(fit.parts[k][0].form):  # the constant of some runs is not the baseline's
         constant = fit.projected(fit.data.means(lambda run: np.full((run.bins, 1), float(run.name in runs))))

@@ -198,7 +198,11 @@ class Bank:
             shown = [(basis, square) for basis, square, whole in squares if square > _ABSORBED * whole]
             if group is form.lead and len(shown) < len(group):
                 return None
-            found += [(basis, size / math.sqrt(len(shown) * square)) for basis, square in shown]
+            of_lead = dict(found)
+            departures = sum(basis.in_units_of is None for basis, _ in shown)
+            for basis, square in shown:
+                beside = basis.in_units_of
+                found.append((basis, size / math.sqrt(departures * square) if beside is None else of_lead[beside]))
         return tuple(found)
 
 

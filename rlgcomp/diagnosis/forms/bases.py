@@ -59,6 +59,15 @@ class Basis(Hashed, abc.ABC):
         """What one unit of the driver, as it is recorded, is in the column; 1 where the column has no such unit."""
         return 1.0
 
+    def unsettled(self, run: Run) -> Array:
+        """What it changes by where something had not settled when the run began, shape (bins, k); nothing of one without memory."""
+        return np.empty((run.bins, 0))
+
+    @property
+    def in_units_of(self) -> Basis | None:
+        """The leading basis beside which its weights have unit variance; None of a departure, which is as small as those are."""
+        return None
+
     @property
     def reach(self) -> float:
         """Ranges of a path over which a function of it bends; it is straight or constant beyond."""
@@ -275,6 +284,22 @@ class Shift(Basis):
     @classmethod
     def together(cls, bases: Sequence[Any], run: Run) -> list[Array]:
         return [_slope(table) for table in columns_together([one.basis for one in bases], run)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Unsettled(Basis):
+    """What another basis had not settled from when each of some runs began, by weights of their own; nothing in others."""
+
+    basis: Basis
+    runs: tuple[str, ...]
+
+    def columns(self, run: Run) -> Array:
+        own = np.array([run.name == name for name in self.runs], dtype=np.float64)
+        return np.asarray(np.kron(own, self.basis.unsettled(run)))
+
+    @property
+    def in_units_of(self) -> Basis:
+        return self.basis
 
 
 @dataclasses.dataclass(frozen=True)

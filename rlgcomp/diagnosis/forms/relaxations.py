@@ -10,6 +10,7 @@ from typing import Final, Self
 import numpy as np
 import numpy.typing as npt
 
+from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.forms.bases import Basis, kernel, kernel_root
 from rlgcomp.diagnosis.forms.drivers import Driver, lagged
@@ -19,6 +20,7 @@ SPREADS: Final = (0.4, 1.0)  # e-folds
 _NODES: Final = 7
 _SPREAD_RATIO: Final = 2.0  # from one point of the grid to the next
 _LEAST, _MOST = 0.05, 2.0
+_APART: Final = 3  # time constants of a spectrum, of those that had not settled before a run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +42,9 @@ class Lag(Basis):
     def mixture(self) -> tuple[Array, Array]:
         """Its time constant and the weight one, as of several lags."""
         return np.array([self.time_constant_s]), np.ones((1, 1))
+
+    def unsettled(self, run: Run) -> Array:
+        return _decays(run, self.mixture()[0])
 
     def nearby(self, step: float) -> tuple[Self, ...]:
         times_s = (self.time_constant_s * factor for factor in (self.ratio**step, self.ratio**-step))
@@ -66,6 +71,12 @@ class _Lags(Basis, abc.ABC):
         values, (times, weights) = self.driver.values(run), self.mixture()
         late = [lagged(values, run.grid.bin_s, float(time)) for time in times]
         return np.column_stack(late) @ weights - values[:, None]
+
+    def unsettled(self, run: Run) -> Array:
+        """After a step of the driver, and after a ramp, which slow parts are further behind."""
+        times, weights = self.mixture()
+        shares = weights * np.column_stack([np.ones(len(times)), times / float(times @ weights[:, 0])])
+        return np.asarray(_decays(run, times) @ shares)
 
     def per_unit(self) -> float:
         return 1.0 / self.driver.half
@@ -154,6 +165,14 @@ class Spectrum(Basis):
         late = np.column_stack([lagged(values, run.grid.bin_s, tau) - values for tau in self.time_constants_s])
         return np.asarray(late @ self.mixture()[1])
 
+    def unsettled(self, run: Run) -> Array:
+        return _decays(run, np.array(self.time_constants_s)[::_APART])
+
     def mixture(self) -> tuple[Array, Array]:
         """Time constants, shape (k,), and weights of their lags, shape (k, columns)."""
         return np.array(self.time_constants_s, dtype=np.float64), kernel_root(kernel(np.log(self.time_constants_s) / self.width))
+
+
+def _decays(run: Run, times_s: Array) -> Array:
+    """What dies away from the beginning of a run, shape (bins, k), of the size that a lag may begin with."""
+    return np.asarray(priors.UNSETTLED * np.exp(-np.divide.outer(run.elapsed_s, times_s)))

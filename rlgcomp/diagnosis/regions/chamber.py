@@ -32,7 +32,7 @@ from rlgcomp.diagnosis.regions.loops import (
 )
 from rlgcomp.diagnosis.regions.monitors import monitor
 from rlgcomp.diagnosis.regions.passages import scattering
-from rlgcomp.diagnosis.regions.setting import Setting, departures
+from rlgcomp.diagnosis.regions.setting import Before, Setting, departures
 from rlgcomp.diagnosis.regions.switch_on import ageing, warm_up
 from rlgcomp.diagnosis.regions.thermal import gradients, lags, more_lags, rate, rate_magnitude, static
 from rlgcomp.diagnosis.regions.waves import harmonics, lines, steadied, wanders
@@ -128,9 +128,12 @@ def _has_frequency(mechanism: type[Mechanism]) -> bool:
 
 
 def _beyond(families: Iterable[Family]) -> Iterator[Family]:
-    """Families, and those of several leading bases without the first, which is what the simulator has."""
+    """Families, and those of several leading bases without the first, which is what the simulator has.
+
+    What the simulator's own lag had not settled from is no other form of it, but stands beside it.
+    """
     for family in families:
-        yield family
+        yield dataclasses.replace(family, own=tuple(make for make in family.own if not isinstance(make, Before)))
         rest = [lead[1:] for lead in family.leads if len(lead) > 1]
         if rest:
             yield dataclasses.replace(family, leads=rest)

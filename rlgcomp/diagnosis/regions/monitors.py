@@ -16,7 +16,7 @@ from rlgcomp.diagnosis.forms.relaxations import Lag
 from rlgcomp.diagnosis.forms.symmetries import symmetric_laws
 from rlgcomp.diagnosis.forms.terms import Family, Region, forms_of
 from rlgcomp.diagnosis.regions.loops import fewer_relays, hysteresis_of, more_relays, one_history, reversible, rougher
-from rlgcomp.diagnosis.regions.setting import Setting, departures
+from rlgcomp.diagnosis.regions.setting import Setting, departures, unsettled
 from rlgcomp.units import is_thermometer
 
 _LAW: Final = math.log(priors.LAW_ODDS)
@@ -61,16 +61,16 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
             yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,), finer=finer)
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)
-            ratio, longest_s = times[1] / times[0], setting.data.longest_s
+            ratio, longest_s, before = times[1] / times[0], setting.data.longest_s, unsettled(setting)
             late: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, behind=False, longest_s=longest_s),) for t in times[1::2]]
             washed_out: list[tuple[Basis, ...]] = [(Lag(driver, t, ratio, longest_s=longest_s),) for t in times[1::2]]
             bent: list[tuple[Basis, ...]] = [(Smooth(Path(driver, "lag", t, longest_s=longest_s)),) for t in times[1::2]]
             delays: list[Path] = [Path(driver, "delay", t, longest_s=longest_s) for t in times]
             families = [
                 Family(f"b = k {column}(t - delay_s)", [(Power(one),) for one in delays], kin, 0.5),
-                Family(f"b = k lag({column}, time_constant_s)", late, kin),
+                Family(f"b = k lag({column}, time_constant_s)", late, kin, own=before),
                 Family(f"b = f(lag({column}, time_constant_s))", bent, kin),
-                Family(f"b = k (lag({column}, time_constant_s) - {column})", washed_out, kin),
+                Family(f"b = k (lag({column}, time_constant_s) - {column})", washed_out, kin, own=before),
             ]
             yield Region(f"lag:{column}", None, _LAW, forms_of(f"lag:{column}", families), (column,), "dynamic")
             families = [

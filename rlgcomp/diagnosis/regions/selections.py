@@ -37,6 +37,9 @@ class OnlyIn(Basis):
     def weighted(self, run: Run, weights: Array) -> Array:
         return self.basis.weighted(run, weights) if run.name in self.runs else np.zeros(run.bins)
 
+    def unsettled(self, run: Run) -> Array:
+        return np.asarray(self.basis.unsettled(run) * (run.name in self.runs))
+
     def nearby(self, step: float) -> tuple[Self, ...]:
         return tuple(dataclasses.replace(self, basis=basis) for basis in self.basis.nearby(step))
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import numpy as np
 
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.data import Data
-from rlgcomp.diagnosis.forms.bases import Basis, Power, Smooth
+from rlgcomp.diagnosis.forms.bases import Basis, Power, Smooth, Unsettled
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
+from rlgcomp.diagnosis.forms.hashed import Hashed
 from rlgcomp.units import is_thermometer
 
 
@@ -51,6 +53,21 @@ class Setting:
         """From so many windows to so many run lengths, in equal ratios."""
         first = shortest * self.data.runs[0].grid.window_s
         return tuple(float(t) for t in np.geomspace(first, longest * self.data.longest_s, priors.TIME_CONSTANTS))
+
+
+def unsettled(setting: Setting) -> tuple[Callable[[Basis], Basis], ...]:
+    """What a form with a memory is made of beside its leading bases: what had not settled when each run began."""
+    return (Before(setting.names),)
+
+
+@dataclasses.dataclass(frozen=True)
+class Before(Hashed):
+    """Makes of a leading basis what had not settled when runs began."""
+
+    runs: tuple[str, ...]
+
+    def __call__(self, basis: Basis) -> Basis:
+        return Unsettled(basis, self.runs)
 
 
 def departures(path: Path, data: Data | None = None, parity: int = 0) -> tuple[Basis, ...]:

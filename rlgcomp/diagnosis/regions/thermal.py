@@ -13,7 +13,7 @@ from rlgcomp.diagnosis.forms.nonlinearities import Hinge, symmetric
 from rlgcomp.diagnosis.forms.relaxations import SPREADS, Conduction, Distributed, Lag, Spectrum
 from rlgcomp.diagnosis.forms.symmetries import about_zero
 from rlgcomp.diagnosis.forms.terms import Family, Form, log_odds_of_more, weighted
-from rlgcomp.diagnosis.regions.setting import Setting, departures
+from rlgcomp.diagnosis.regions.setting import Setting, departures, unsettled
 from rlgcomp.units import is_thermometer
 
 
@@ -62,37 +62,41 @@ def rate_magnitude(setting: Setting) -> list[Family]:
 def lags(setting: Setting) -> list[Family]:
     families, shortest_s = [], priors.SHORTEST_LAG * setting.data.runs[0].grid.window_s
     times, longest_s = setting.time_constants_s(1.5), setting.data.longest_s
-    ratio = times[1] / times[0]
+    ratio, before = times[1] / times[0], unsettled(setting)
     for driver, name, weight in setting.places:
         freely = (Spectrum(driver, times[::2], 1.5), Smooth(Path(driver), 0.5, 8))
         if driver != setting.temperature:  # of which the simulator has a law as a rule, and then both laws are one
             late = [(Lag(driver, t, ratio, behind=False, shortest_s=shortest_s, longest_s=longest_s),) for t in times]
-            families.append(Family(f"b = k lag({name}, time_constant_s)", late, freely, 2.0 * weight))
+            families.append(Family(f"b = k lag({name}, time_constant_s)", late, freely, 2.0 * weight, before))
         families += [
             Family(
                 f"b = k (lag({name}, time_constant_s) - {name})",
                 [(Lag(driver, t, ratio, shortest_s=shortest_s, longest_s=longest_s),) for t in times],
                 freely,
                 2.0 * weight,
+                before,
             ),
             Family(
                 f"b = k (mean of a slab - {name})",
                 [(Conduction(driver, t, False, ratio, longest_s),) for t in times[3:]],
                 freely,
                 weight,
+                before,
             ),
             Family(
                 f"b = k (back of a slab - {name})",
                 [(Conduction(driver, t, True, ratio, longest_s),) for t in times[3:]],
                 freely,
                 weight,
+                before,
             ),
-            Family(f"b = integral of k(tau) (lag({name}, tau) - {name})", [(Spectrum(driver, times),)], freely, weight),
+            Family(f"b = integral of k(tau) (lag({name}, tau) - {name})", [(Spectrum(driver, times),)], freely, weight, before),
             Family(
                 f"b = k (mean of lags({name}, tau) about time_constant_s - {name})",
                 [(Distributed(driver, t, spread, ratio, longest_s),) for t in times for spread in SPREADS],
                 freely,
                 0.5 * weight,
+                before,
             ),
             Family(
                 f"b = f(lag({name}, time_constant_s))",

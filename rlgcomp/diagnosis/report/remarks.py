@@ -43,6 +43,7 @@ _BEATEN: Final = 0.02  # of the error, by which an LS-SVM leaves less at least
 _LESS: Final = 0.05  # of the error, by which an LS-SVM that has learnt something leaves less
 _LARGER: Final = 1.5  # times the mismatch, from which on a larger term is told
 _LEARNT: Final = 0.5  # of what the findings leave, that recorded columns together tell where a cause follows none
+_CLEAR_START: Final = 3.0  # standard deviations of what had not settled when a run began, from which on it is told
 _CLEAR_LAG: Final = 3.0  # standard deviations of a lag, from which on it is told
 
 
@@ -249,6 +250,10 @@ def _baseline(record: Record) -> Iterator[Message]:
         if record.test is not None and record.verdict != "none":
             about = {"improvement": record.test.improvement_std, "interval": record.test.improvement_std_ci95}
         yield message("diagnosis.run_biases", biases=biases, sds=sds, unit=record.unit, **about)
+    for mechanism, of_runs in record.after.unsettled.items():
+        sizes, sds = _by_run({run: one for run, one in of_runs.items() if abs(one.value) > _CLEAR_START * one.sd})
+        if sizes:
+            yield message("diagnosis.unsettled", mechanism=mechanism, sizes=sizes, sds=sds, unit=record.unit)
     if CLOCK in found and not any(_other_runs(record)):
         offsets_s, sds_s = _by_run(found[CLOCK])
         yield message("diagnosis.clock_of_all_runs", offsets_s=offsets_s, sds_s=sds_s)

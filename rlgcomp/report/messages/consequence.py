@@ -88,6 +88,7 @@ LIMITING: Final = frozenset(
         "diagnosis.set_uncertain",
         "diagnosis.telegraph_not_in_file",
         "diagnosis.unidentified",
+        "diagnosis.unsettled",
         "diagnosis.unstated",
         "diagnosis.wrong_number",
         "evaluation.adds_noise",

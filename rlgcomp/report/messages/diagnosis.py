@@ -419,6 +419,14 @@ def amplitude_by_run(parameter: str, differences: Mapping[str, float], sds: Mapp
     return f"{parameter} of the simulator differs from run to run, from the common value by {sizes}."
 
 
+def unsettled(mechanism: str, sizes: Mapping[str, float], sds: Mapping[str, float], unit: str) -> str:
+    return (
+        f"{region_words(mechanism)} had not settled when runs began: what came before them still acts, by "
+        f"{_by_run(sizes, sds, unit)} at first. It belongs to these runs; others, the test runs among them, are predicted as if "
+        "they began at rest."
+    )
+
+
 def clock_of_all_runs(offsets_s: Mapping[str, float], sds_s: Mapping[str, float]) -> str:
     return (
         f"The clock of the simulation is off: its time stamps are right with {_by_run(offsets_s, sds_s, 's')} added to them. No "
