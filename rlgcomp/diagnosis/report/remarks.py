@@ -250,10 +250,10 @@ def _baseline(record: Record) -> Iterator[Message]:
         if record.test is not None and record.verdict != "none":
             about = {"improvement": record.test.improvement_std, "interval": record.test.improvement_std_ci95}
         yield message("diagnosis.run_biases", biases=biases, sds=sds, unit=record.unit, **about)
-    for mechanism, of_runs in record.after.unsettled.items():
-        sizes, sds = _by_run({run: one for run, one in of_runs.items() if abs(one.value) > _CLEAR_START * one.sd})
+    for region, of_each in record.after.unsettled.items():
+        sizes, sds = _by_run({run: one for run, one in of_each.items() if abs(one.value) > _CLEAR_START * one.sd})
         if sizes:
-            yield message("diagnosis.unsettled", mechanism=mechanism, sizes=sizes, sds=sds, unit=record.unit)
+            yield message("diagnosis.unsettled", mechanism=region, sizes=sizes, sds=sds, unit=record.unit)
     if CLOCK in found and not any(_other_runs(record)):
         offsets_s, sds_s = _by_run(found[CLOCK])
         yield message("diagnosis.clock_of_all_runs", offsets_s=offsets_s, sds_s=sds_s)
