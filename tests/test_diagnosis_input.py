@@ -14,7 +14,7 @@ import rlgcomp as rlg
 from rlgcomp.physics import CATALOGUE
 from rlgcomp.physics.user import require_computable, user_catalogue
 from rlgcomp.recording.argument_checks import require_held_out, told_apart
-from tests.few_monitors import few_monitors
+from tests.few_monitors import FEWER, few_monitors
 from tests.two_hour_runs import BASELINE, runs_of
 
 NOISE = rlg.NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
@@ -299,3 +299,23 @@ def test_recordings_of_another_quantity_need_no_gyro(tmp_path: Path) -> None:
     assert law.drivers == ("drive_V",)
     assert found.test is not None
     assert found.test.augmented_rms < 0.2 * found.test.baseline_rms
+
+
+def test_an_output_drives_nothing_though_it_is_the_thermometer() -> None:
+    """The catalogue's temperature is another one's then; the output's own would explain it, or have no errors of a driver."""
+    rng, runs, simulated = np.random.default_rng(7), [], {}
+    for k in range(2):
+        time_s = np.arange(0.0, 18_000.0, 20.0)
+        case = np.interp(time_s, np.linspace(0.0, 18_000.0, 9), rng.uniform(-20.0, 50.0, 9))
+        late = rlg.Recording(pd.DataFrame({"time_s": time_s, "gyro_deg_h": case, "temperature_case_degC": case}), name=f"run{k}")
+        block = late.column("gyro_deg_h").copy()
+        for i in range(1, len(block)):
+            block[i] = block[i - 1] + 20.0 / 1500.0 * (case[i] - block[i - 1])
+        table = late.table.assign(temperature_block_degC=block + 0.3 * rng.normal(size=len(block)))
+        runs.append(rlg.Recording(table, name=f"run{k}"))
+        simulated[f"run{k}"] = case
+    found = rlg.diagnose(
+        lambda run: simulated[run.name], runs, output="temperature_block_degC", unit="degC", black_box=False, **FEWER
+    )
+    assert "temperature_block_degC" not in {column for cause in found.causes for column in cause.drivers}
+    assert [cause.name for cause in found.causes] == ["thermal_lag"]

@@ -29,6 +29,7 @@ from rlgcomp.errors import InputError
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.recording import Recording, rate_name
+from rlgcomp.units import is_thermometer
 
 Array = npt.NDArray[np.float64]
 _OWN: Final = 1e-9  # of a law's square, which the very law of a mechanism leaves beside itself
@@ -179,10 +180,11 @@ def bases_of(regions: Iterable[Region]) -> list[Basis]:
 
 
 def _thermometer(data: Data, recording: Recording) -> str:
-    """The column that the catalogue means by temperature; where there is none, the first that varies."""
-    try:
-        return recording.temperature_column
-    except InputError:
-        if not data.columns:
-            raise InputError(f"{recording.name} has no column beside the output that varies; give one that may drive it") from None
-        return data.columns[0]
+    """The column that the catalogue means by temperature; where there is none beside the output, the first that varies."""
+    thermometers = [column for column in recording.columns if is_thermometer(column) and column not in data.other]
+    if thermometers:
+        named = recording.temperature_column
+        return named if named in thermometers else min(thermometers)
+    if not data.columns:
+        raise InputError(f"{recording.name} has no column beside the output that varies; give one that may drive it")
+    return data.columns[0]
