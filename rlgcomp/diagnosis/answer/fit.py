@@ -208,16 +208,16 @@ class Fit:
         """What had not settled when each run began, at its first window, in the unit of the output; by mechanism and run."""
         found: dict[str, dict[str, Estimate]] = {}
         for k, (member, bases) in enumerate(self.parts):
-            edges = np.cumsum([0, *(self.bank.columns(basis).shape[1] for basis, _ in bases)])
-            for (basis, scale), a, b in zip(bases, edges[:-1], edges[1:], strict=True):
-                region = member.form.region
-                if not isinstance(basis, Unsettled) and not (region.endswith(BEFORE) and basis in member.form.lead):
-                    continue
-                weights, covariance = self.weights(k)[a:b], self.covariance(k)[a:b, a:b]
-                of_runs = found.setdefault(region.removesuffix(BEFORE), {})
-                for run, rows in zip(self.data.runs, self.data.slices, strict=True):
-                    first = scale * self.bank.columns(basis)[rows.start]
-                    of_runs[run.name] = Estimate(float(first @ weights), math.sqrt(first @ covariance @ first), "deg/h")
+            region = member.form.region
+            own = [region.endswith(BEFORE) or isinstance(basis, Unsettled) for basis, _ in bases]
+            if not any(own):
+                continue
+            table = np.hstack([scale * of * self.bank.columns(basis) for (basis, scale), of in zip(bases, own, strict=True)])
+            firsts = zip(self.data.runs, table[[rows.start for rows in self.data.slices]], strict=True)
+            found[region.removesuffix(BEFORE)] = {
+                run.name: Estimate(float(first @ self.weights(k)), math.sqrt(first @ self.covariance(k) @ first), "deg/h")
+                for run, first in firsts
+            }
         return found
 
     # --- predictions -----------------------------------------------------------------------------------------------------------

@@ -57,11 +57,13 @@ class Offset(Basis):
         values, weights = run.column(self.column), len(self.runs) if self.each else 1
         beyond = np.zeros((run.bins, len(self.runs), _PARTS))
         moved = np.zeros((run.bins, weights))
-        if run.name in self.runs or not self.each:
-            place = self.runs.index(run.name) if run.name in self.runs else 0
+        known = run.name in self.runs
+        if known or not self.each:  # what is beyond the ends of a further run is as unknown as it was
+            place = self.runs.index(run.name) if known else 0
             offset_s = self.offsets_s[place]
             moved[:, min(place, weights - 1)] = np.interp(run.elapsed_s - offset_s, run.elapsed_s, values) - values
-            beyond[:, place] = _beyond(run, values, offset_s)
+            if known:
+                beyond[:, place] = _beyond(run, values, offset_s)
         return np.hstack([moved, beyond.reshape(run.bins, -1)])
 
     def nearby(self, step: float) -> tuple[Self, ...]:
@@ -76,8 +78,8 @@ def _beyond(run: Run, values: Array, offset_s: float) -> Array:
     """What a simulated output does beyond an end by a slope in each of a few parts, shape (bins, parts)."""
     reach_s, window_s = abs(offset_s), run.grid.window_s
     beyond_s = reach_s + run.elapsed_s[0] - (run.elapsed_s if offset_s > 0.0 else run.elapsed_s[::-1])
-    slopes = np.gradient(values, run.grid.bin_s)[beyond_s > -window_s]
-    slope = math.sqrt(max(np.mean(np.gradient(values, run.grid.bin_s) ** 2), np.mean(slopes**2)))
+    squares = np.gradient(values, run.grid.bin_s) ** 2
+    slope = math.sqrt(max(np.mean(squares), np.mean(squares[beyond_s > -window_s])))
     part_s = max(reach_s / _PARTS, window_s)
     return slope * np.clip(beyond_s[:, None] - part_s * np.arange(_PARTS), 0.0, part_s)
 
