@@ -216,6 +216,18 @@ def test_a_monitor_without_monitor_outliers_or_with_many_is_left_alone(every: in
     assert without_monitor_outliers(run) == (run, ())
 
 
+def test_corners_of_a_course_without_noise_are_no_outliers() -> None:
+    sound = run()
+    course = 0.01 * np.abs(np.abs(np.arange(ROWS) - ROWS // 2) - 300.0)
+    for column in ("temperature_block_degC", "supply_voltage_V"):
+        kept = sound.replace(table=sound.table.assign(**{column: course}))
+        assert without_monitor_outliers(kept) == (kept, ())
+    course[700] += 1.0
+    spoilt = sound.replace(table=sound.table.assign(supply_voltage_V=course))
+    (told,) = without_monitor_outliers(spoilt)[1]
+    assert (told.data["samples"], told.data["column"]) == (1, "supply_voltage_V")
+
+
 def turning(
     *, delay_s: float = 0.0, encoder_arcsec: float = 0.02, pulse_arcsec: float | None = None, seed: int = 3
 ) -> rlg.Recording:

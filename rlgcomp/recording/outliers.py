@@ -76,7 +76,8 @@ _MOST_COUNT_ERRORS: Final = 3  # samples of a run: what deviates more often belo
 # monitors
 _MONITOR_QUANTILE: Final = 0.99  # of the deviations from the mean of the two neighbours
 _MONITOR_RATIO: Final = 8.0  # to that quantile,
-_NEIGHBOURS_AGREE: Final = 0.2  # while the neighbours differ by less of the deviation
+_NEIGHBOURS_AGREE: Final = 0.2  # while the neighbours differ by less of the deviation,
+_OFF_COURSE: Final = 0.5  # and the sample is off what either pair of neighbours leads to by more of it
 _PULSE_SD: Final = 8.0  # of a monitor's usual steps: a pulse that the gyro may answer to
 _PULSE_QUANTILE, _QUANTILE_SD = 0.9, 1.645 * math.sqrt(2.0)  # of its steps, and that of the steps of normal numbers
 _MONITOR_SHARE: Final = 0.005  # of the samples: more belong to the monitor
@@ -361,13 +362,18 @@ class _Comparison:
 
 
 def _single_outliers(values: Array) -> Mask:
-    """Samples far from the mean of their two neighbours, which agree."""
+    """Samples far from the mean of their two neighbours, which agree, and from where the course on either side leads.
+
+    A ramp that turns leads to its corner from both sides.
+    """
     deviation = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
     usual = float(np.nanquantile(deviation, _MONITOR_QUANTILE)) if len(deviation) else 0.0
     if not usual > 0.0:
         return np.zeros(len(values), dtype=np.bool_)
     apart = np.abs(values[2:] - values[:-2])
-    return np.r_[False, (deviation > _MONITOR_RATIO * usual) & (apart < _NEIGHBOURS_AGREE * deviation), False]
+    ahead, behind = np.r_[values[0], 2.0 * values[1:-2] - values[:-3]], np.r_[2.0 * values[2:-1] - values[3:], values[-1]]
+    off = np.minimum(np.abs(values[1:-1] - ahead), np.abs(values[1:-1] - behind)) > _OFF_COURSE * deviation
+    return np.r_[False, (deviation > _MONITOR_RATIO * usual) & (apart < _NEIGHBOURS_AGREE * deviation) & off, False]
 
 
 def _spikes(values: Array) -> Mask:

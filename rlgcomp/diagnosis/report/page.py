@@ -164,6 +164,8 @@ def _next(record: Record, names: tuple[str, ...]) -> str:
     """What to do: the next experiment where one separates what is likely, else what follows from the verdict."""
     if record.next_message is not None:
         return in_words(record.next_message.text, names)
+    if record.verdict == "none" and any(one.code == "diagnosis.left_over" for one in remarks(record)):
+        return "Find out what acts in the runs of which more is left than noise, before the simulator is relied on."
     if record.verdict == "none":
         return "Keep the simulator, with the numbers calibrated below."
     if record.test is None:

@@ -24,6 +24,7 @@ DECISIVE: Final = frozenset(
         "diagnosis.compensation_better",
         "diagnosis.findings_worse",
         "diagnosis.learnt_from_columns",
+        "diagnosis.left_over",
         "diagnosis.no_clock",
         "diagnosis.simulation_scaled",
         "evaluation.model_trained_on",

@@ -406,6 +406,22 @@ def findings_worse(
     )
 
 
+def left_over(runs: Mapping[str, Sequence[Mapping[str, Any]]], unit: str, *, named: bool) -> str:
+    texts = [f"the {part} run {_left(one, unit)}" for part, of_part in runs.items() for one in of_part]
+    beyond = "What is named does not describe" if named else "Noise alone does not describe"
+    advice = "more runs like it for training" if len(texts) == 1 else "more runs like these for training"
+    return (
+        f"{beyond} {listing(texts)}. Something acts there that the other runs do not show, or a fault of the recording: look at "
+        f"its output, and give {advice}."
+    )
+
+
+def _left(one: Mapping[str, Any], unit: str) -> str:
+    ratio = f"{one['std'] / one['noise']:.2g} times its noise of {one['noise']:.2g} {unit}"
+    mean = f"; its mean is off by {one['mean']:.2g} {unit}" if one["mean"] else ""
+    return f"{one['run']} (about its mean {one['std']:.2g} {unit} are left, {ratio}{mean})"
+
+
 def strength_by_run(
     mechanism: str, rms: Mapping[str, float], unit: str, opposite_in: Sequence[str] = (), *, has_mean: bool = False
 ) -> str:
