@@ -400,6 +400,32 @@ def test_the_command_diagnoses_a_quantity_that_is_no_gyro(folder: Path, tmp_path
     content = json.loads(command(folder, *arguments).stdout)
     assert content["output"] == {"column": "force_N", "unit": "N"}
     assert content["findings"][0]["parameters"]["k_deg_h_V"]["unit"] == "N/V"
+    page = (tmp_path / "out" / "report.html").read_text()
+    for unit in ("deg_h", "deg_<wbr>h", "deg/h", "deg/√h"):
+        assert unit not in re.sub(r"<pre.*?</pre>|<style.*?</style>", "", page, flags=re.DOTALL)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_what_was_found_of_another_quantity_predicts_it(folder: Path, tmp_path: Path) -> None:
+    """The file says which column it is of: without a gyro in either file, and with nothing in deg/h."""
+    assert command(folder, "--train", "run0.csv", "--output", "force_N", "--out", str(tmp_path / "out")).exit_code == 0
+    augmented, made = str(tmp_path / "out" / "augmented.yaml"), tmp_path / "predicted.csv"
+    result = CliRunner().invoke(app, ["predict", augmented, str(folder / "run0.csv"), "--out", str(made), "--json"])
+    assert result.exit_code == 0
+    content = json.loads(result.stdout)
+    assert (content["output"], content["columns"][-1]) == ("force_N", "force_N")
+    measured, predicted = pd.read_csv(folder / "run0.csv"), pd.read_csv(made)
+    assert list(predicted) == content["columns"]
+    assert "gyro_deg_h" not in predicted
+    left = measured["force_N"] - predicted["force_N"]
+    assert left.std() < 0.8 * measured["force_N"].std()  # the rest is white noise
+    assert abs(left.mean()) < 0.1 * left.std()
+    for arguments, message in (
+        (["simulate", augmented, "--out", str(tmp_path / "run.csv")], "this simulator is of force_N"),
+        (["predict", augmented, str(folder / "run1.parquet"), "--out", str(made)], "that the simulator predicts"),
+    ):
+        refused = CliRunner().invoke(app, arguments)
+        assert message in f"{refused.output} {refused.exception}"
 
 
 # --- in Python -----------------------------------------------------------------------------------------------------------------

@@ -146,6 +146,38 @@ def offset_seconds(offset: tuple[str, float] | None) -> float | None:
     return StartOffset(duration_s).duration_s
 
 
+def mapped_output(output: str | None, spec: str, of: str = "for --output") -> list[str]:
+    """The mapping that reads an output as a gyro where the file has none: a recording holds one.
+
+    Parameters
+    ----------
+    output : str, optional
+        Column that is no gyro.
+    spec : str
+        File, or an interval FILE@START:STOP of it.
+    of : str
+        What the output belongs to, for messages.
+
+    Raises
+    ------
+    InputError
+        The file has no such column.
+    """
+    from rlgcomp.errors import InputError
+    from rlgcomp.recording import is_gyro
+    from rlgcomp.recording.formats import column_names
+
+    if not output:
+        return []
+    path = interval_of(spec)[0]
+    names = column_names(path)
+    if any(is_gyro(name) for name in names):
+        return []
+    if output not in names:
+        raise InputError(f"{path.name} has no column {output!r} {of}; its columns are {', '.join(names)}")
+    return [f"gyro_deg_h={output} [deg/h]"]
+
+
 def read_runs(
     specs: Sequence[str],
     mapping: Sequence[str] | None = None,

@@ -25,6 +25,7 @@ from rlgcomp.cli.base import (
     command,
     compared,
     interval_of,
+    mapped_output,
     progress,
     read_runs,
     require_folder,
@@ -156,10 +157,11 @@ def diagnose(
         raise InputError(f"--averaging-s is {averaging_s:g}; it must be positive and finite")
     candidates = candidates_of(mechanisms, only_own)
     chosen = _simulator(simulator, simulated, {**CATALOGUE, **candidates}, output)
+    output = output or getattr(chosen, "output", None) or None
     measured = None if noise is None else measured_noise(noise, gyro)
     groups = [train, confirm or [], test or []]
     specs = [spec for group in groups for spec in group]
-    mapping = [*(mapping or []), *_mapped_output(output, specs)]
+    mapping = [*(mapping or []), *mapped_output(output, specs[0])]
     runs, own = _runs(specs, simulated, gyro, (mapping, drop, pulse_arcsec, calibration, period_s))
     if output is None:
         compared(runs, calibrated_name(gyro, calibration))
@@ -212,21 +214,6 @@ def _runs(
     if simulated:
         own = read_runs(simulated, mapping, drop, pulse_arcsec, simulated=True, also=specs, period_s=period_s)
     return runs, own
-
-
-def _mapped_output(output: str | None, specs: Sequence[str]) -> list[str]:
-    """The mapping that reads an output as a gyro where the files have none: a recording holds one."""
-    from rlgcomp.errors import InputError
-    from rlgcomp.recording import is_gyro
-    from rlgcomp.recording.formats import column_names
-
-    path = interval_of(specs[0])[0]
-    names = [] if output is None else column_names(path)
-    if output is None or any(is_gyro(name) for name in names):
-        return []
-    if output not in names:
-        raise InputError(f"{path.name} has no column {output!r} for --output; its columns are {', '.join(names)}")
-    return [f"gyro_deg_h={output} [deg/h]"]
 
 
 def _file_of(simulator: str | None) -> Path | None:

@@ -17,6 +17,7 @@ from rlgcomp.cli.base import (
     PeriodS,
     PulseArcsec,
     command,
+    mapped_output,
     read_runs,
     require_recording,
 )
@@ -105,7 +106,7 @@ def predict(
     overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
-    """The gyro that a simulator predicts from the monitors of a recording.
+    """The gyro, or other output, that a simulator predicts from the monitors of a recording.
 
     The prediction has the rows of the recording and no noise. Effects that no two runs repeat (random jumps) are left out.
 
@@ -117,27 +118,28 @@ def predict(
     from rlgcomp.simulation.simulator import Simulator
 
     require_recording(out, simulator, mechanisms, run, overwrite=overwrite)
-    (recording,) = read_runs([run], mapping, drop, pulse_arcsec, period_s=period_s)
     made = Simulator.from_yaml(simulator, user_catalogue(mechanisms or []))
+    as_gyro = mapped_output(made.output, run, "that the simulator predicts")
+    (recording,) = read_runs([run], [*(mapping or []), *as_gyro], drop, pulse_arcsec, period_s=period_s)
     recording, remarks = without_monitor_outliers(recording, made.driver_columns(recording))
     predicted = made.predict(recording)
-    write(predicted, out, overwrite=overwrite)
+    write(predicted, out, overwrite=overwrite, left_out=predicted.gyro_columns if as_gyro else ())
     for remark in remarks:
         logger.warning("%s", remark)
     extrapolations = _extrapolations(made, recording)
-    (column,) = predicted.gyro_columns
+    column = made.output or predicted.gyro_columns[0]
     if as_json:
-        rate = predicted.rate_deg_h()
+        rate, unit = (predicted.column(column), "") if made.output else (predicted.rate_deg_h(), "_deg_h")
         show_json(
             {
                 "out": out,
                 "rows": len(predicted),
-                "gyro": column,
-                "columns": list(predicted.columns),
+                "output" if made.output else "gyro": column,
+                "columns": [name for name in predicted.columns if not as_gyro or name not in predicted.gyro_columns],
                 "mechanisms": [mechanism.name for mechanism in made.mechanisms if mechanism.repeats()],
                 "left_out": [mechanism.name for mechanism in made.mechanisms if not mechanism.repeats()],
-                "mean_deg_h": float(rate.mean()),
-                "std_deg_h": float(rate.std()),
+                f"mean{unit}": float(rate.mean()),
+                f"std{unit}": float(rate.std()),
                 "remarks": [remark.to_mapping() for remark in (*remarks, *extrapolations)],
             }
         )

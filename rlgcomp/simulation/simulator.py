@@ -38,7 +38,7 @@ Array = npt.NDArray[np.float64]
 Kind = Literal["chamber", "turntable"]
 
 TYPICAL_NOISE: Final = NoiseModel(angle_random_walk_deg_sqrt_h=0.0003)
-_SECTIONS: Final = ("kind", "mechanisms", "noise", "plant", "beams", "table", "unit")
+_SECTIONS: Final = ("kind", "mechanisms", "noise", "plant", "beams", "table", "unit", "output")
 _USUAL_PROGRAMME: Final = {"chamber": "paper", "turntable": "rates"}
 _SEQUENCE: Final = "tag:yaml.org,2002:seq"
 _LINE_WIDTH: Final = 110  # of a simulator as text
@@ -64,6 +64,9 @@ class Simulator:
     kind : {"chamber", "turntable"}
     unit : str
         Serial number that its recordings bear.
+    output : str, optional
+        Column that it predicts, where that is no gyro: `force_N`. Amplitudes are then in its unit instead of deg/h, and it has no
+        monitors of its own, so that it predicts from those of recordings alone.
 
     Raises
     ------
@@ -78,6 +81,7 @@ class Simulator:
     table: Turntable = dataclasses.field(default_factory=Turntable)
     kind: str = "chamber"
     unit: str = "simulated"
+    output: str = ""
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
@@ -93,7 +97,8 @@ class Simulator:
     def __repr__(self) -> str:
         """One line a mechanism with its parameters, and the noise."""
         count = len(self.mechanisms)
-        head = f"Simulator of a {self.kind} gyro {self.unit!r}: {count} mechanism{'' if count == 1 else 's'}"
+        what = f"{self.output}," if self.output else f"a {self.kind} gyro {self.unit!r}:"
+        head = f"Simulator of {what} {count} mechanism{'' if count == 1 else 's'}"
         lines = [_mechanism_text(mechanism, self.free.get(mechanism.name, frozenset())) for mechanism in self.mechanisms]
         return "\n  ".join([head, *lines, f"noise: {_noise_text(self.noise)}"])
 
@@ -128,8 +133,12 @@ class Simulator:
         Raises
         ------
         InputError
-            The programme is not understood, of the other kind, or too short; the seed is negative.
+            The programme is not understood, of the other kind, or too short; the seed is negative; its output is no gyro.
         """
+        if self.output:
+            raise InputError(
+                f"this simulator is of {self.output}, whose monitors nothing simulates; predict from those of a recording instead"
+            )
         seed = require_seed(seed)
         if programme is None:
             programme = _USUAL_PROGRAMME[self.kind]
@@ -188,7 +197,7 @@ class Simulator:
         """The gyro that this simulator expects, given a recording's own monitors: the same rows, without noise.
 
         The column is the recording's own where that is `gyro_deg_h` or `gyro_deg_s`; otherwise `gyro_deg_h` for a chamber and
-        `gyro_deg_s` for a turntable.
+        `gyro_deg_s` for a turntable. Where `output` is stated it is that one, and gyros stay as they are.
 
         Raises
         ------
@@ -196,11 +205,14 @@ class Simulator:
             A mechanism's monitor is not in the recording.
         """
         total = self.expected_deg_h(recording)
+        metadata = dataclasses.replace(recording.metadata, notes={**recording.metadata.notes, PREDICTED: True})
+        if self.output:
+            table = recording.table.assign(**{self.output: total})
+            return recording.replace(table=table, metadata=metadata, truth=None, findings=())
         own = [column for column in recording.gyro_columns if column in _GYRO_UNITS]
         column = own[0] if own else ("gyro_deg_h" if self.kind == "chamber" else "gyro_deg_s")
         table = recording.table.drop(columns=list(recording.gyro_columns))
         table.insert(1, column, convert(total, "deg/h", _GYRO_UNITS[column]))
-        metadata = dataclasses.replace(recording.metadata, notes={**recording.metadata.notes, PREDICTED: True})
         return recording.replace(table=table, metadata=metadata, truth=None, findings=())
 
     def expected_deg_h(self, recording: Recording) -> Array:
@@ -330,6 +342,7 @@ class Simulator:
             table=_made(Turntable, _section(content, "table"), "table"),
             kind=str(content.get("kind", "chamber")),
             unit=str(content.get("unit", "simulated")),
+            output=str(content.get("output", "")),
         )
 
     def to_mapping(self) -> dict[str, Any]:
@@ -344,7 +357,10 @@ class Simulator:
                 if key not in idle
             }
             listed.append({mechanism.name: values})
-        content: dict[str, Any] = {"kind": self.kind, "unit": self.unit, "mechanisms": listed}
+        content: dict[str, Any] = {"kind": self.kind, "unit": self.unit}
+        if self.output:
+            content["output"] = self.output
+        content["mechanisms"] = listed
         if self.noise is not None:
             content["noise"] = self.noise.to_mapping()
         for section, made in (("plant", self.monitors.plant), ("beams", self.monitors.beams), ("table", self.table)):

@@ -40,6 +40,11 @@ def in_unit(text: str, unit: str) -> str:
     return text.replace(DEG_H, unit)
 
 
+def shown_name(name: str, unit: str) -> str:
+    """Name of a parameter as pages have it: where the output is no rate, without the gyro's unit, which files keep in it."""
+    return name if unit == DEG_H else name.split("_deg_h", maxsplit=1)[0]
+
+
 @dataclasses.dataclass(frozen=True)
 class Cause:
     """A member of the likeliest set.

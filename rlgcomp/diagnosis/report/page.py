@@ -9,7 +9,7 @@ from typing import Any, Final
 import pandas as pd
 
 from rlgcomp.diagnosis.equations.equations import symbols
-from rlgcomp.diagnosis.equations.findings import Cause
+from rlgcomp.diagnosis.equations.findings import Cause, shown_name
 from rlgcomp.diagnosis.report import text
 from rlgcomp.diagnosis.report.record import Record
 from rlgcomp.diagnosis.report.remarks import gain, headline, remarks
@@ -45,6 +45,11 @@ _NOISES: Final = {
     "rate_random_walk_deg_h_sqrt_h": ("rate random walk, K", "deg/h/√h", "random walk of the rate"),
     "quantization_arcsec": ("quantization, Q", "arcsec", "rounding of the angle to pulses"),
     "dither_residual_arcsec": ("dither residual", "arcsec", "amplitude in the angle of what the dither leaves, at {:.3g} Hz"),
+}
+_OTHER_NOISES: Final = {  # of a quantity that is no gyro: 1 deg/√h is 60 deg/h of a mean of 1 s
+    "angle_random_walk_deg_sqrt_h": ("white noise", 60.0, " √s", "standard deviation of a mean of 1 s"),
+    "bias_instability_deg_h": ("flicker noise", 1.0, "", "0.664 times this is the floor of the Allan deviation"),
+    "rate_random_walk_deg_h_sqrt_h": ("random walk", 1.0, "/√h", "standard deviation of the change in 1 h"),
 }
 _WRITTEN: Final = ("diagnosis.json", "augmented.yaml")
 
@@ -151,9 +156,14 @@ def _answers(record: Record) -> pd.DataFrame:
 
 def _parameters(record: Record) -> pd.DataFrame:
     """All numbers that the runs determine: of the findings, and of the simulator fitted together with them."""
-    rows = [[cause_words(one.name), name, each.text] for one in record.members for name, each in one.parameters.items()]
+    unit = record.unit
+    rows = [
+        [cause_words(one.name), shown_name(name, unit), each.text]
+        for one in record.members
+        for name, each in one.parameters.items()
+    ]
     rows += [
-        [cause_words(mechanism) or "constant", name, each.text]
+        [cause_words(mechanism) or "constant", shown_name(name, unit), each.text]
         for mechanism, numbers in record.recalibration.items()
         for name, each in numbers.items()
     ]
@@ -229,7 +239,7 @@ def _finding(one: Cause, picture: Picture) -> dict[str, Any]:
         "drivers": ", ".join(one.drivers),
         "parameters": pd.DataFrame(
             [
-                *({"parameter": name, "value": e.text} for name, e in one.parameters.items()),
+                *({"parameter": shown_name(name, one.unit), "value": e.text} for name, e in one.parameters.items()),
                 *({"parameter": s.place, "value": s.step.text} for s in one.switches),
             ]
         ),
@@ -250,7 +260,7 @@ def _baseline(record: Record) -> pd.DataFrame:
             rows.append(
                 {
                     "mechanism": cause_words(mechanism) or "constant",
-                    "parameter": name,
+                    "parameter": shown_name(name, record.unit),
                     "with nothing added": one.text,
                     "with the findings": "" if other is None else other.text,
                 }
@@ -261,11 +271,18 @@ def _baseline(record: Record) -> pd.DataFrame:
 def _noise(record: Record) -> pd.DataFrame:
     """Noise that was stated or found, by name, with its unit."""
     numbers = record.noise.to_mapping()
-    rows = [
-        [name, f"{numbers[key]:.3g} {unit}", of.format(numbers[DITHER_FREQUENCY])]
-        for key, (name, unit, of) in _NOISES.items()
-        if numbers.get(key)
-    ]
+    if is_gyro(record.request.channel):
+        rows = [
+            [name, f"{numbers[key]:.3g} {unit}", of.format(numbers[DITHER_FREQUENCY])]
+            for key, (name, unit, of) in _NOISES.items()
+            if numbers.get(key)
+        ]
+    else:
+        rows = [
+            [name, f"{factor * numbers[key]:.3g} {record.unit}{unit}", of]
+            for key, (name, factor, unit, of) in _OTHER_NOISES.items()
+            if numbers.get(key)
+        ]
     return _frame(("noise", "strength", "which is"), rows)
 
 

@@ -22,6 +22,7 @@ from rlgcomp.diagnosis.forms.drivers import Driver
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
+from rlgcomp.recording import is_gyro
 from rlgcomp.recording.provenance import provenance
 from rlgcomp.report.messages import Message
 from rlgcomp.simulation.simulator import Simulator
@@ -314,11 +315,17 @@ class Record:
 
     @functools.cached_property
     def calibrated_file(self) -> SimulatorFile:
-        return simulator_of(self.before, self.catalogue)
+        return self._file(self.before)
 
     @functools.cached_property
     def augmented_file(self) -> SimulatorFile:
-        return simulator_of(self.after, self.catalogue)
+        return self._file(self.after)
+
+    def _file(self, fit: Fit) -> SimulatorFile:
+        found, channel = simulator_of(fit, self.catalogue), self.request.channel
+        if is_gyro(channel):
+            return found
+        return dataclasses.replace(found, simulator=dataclasses.replace(found.simulator, output=channel))
 
     @property
     def calibrated(self) -> Simulator:

@@ -14,7 +14,7 @@ from rlgcomp.diagnosis.answer.left_over import left_over
 from rlgcomp.diagnosis.answer.scores import Score
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.decide import TELEGRAPH
-from rlgcomp.diagnosis.equations.findings import Cause
+from rlgcomp.diagnosis.equations.findings import Cause, shown_name
 from rlgcomp.diagnosis.forms.drivers import Driver, Path
 from rlgcomp.diagnosis.forms.memories import Plays, Preisach, Relays, rest_of
 from rlgcomp.diagnosis.noise.errors import within
@@ -287,7 +287,8 @@ def _baseline(record: Record) -> Iterator[Message]:
         for name, one in found.get(mechanism.name, {}).items():
             if name in stated_names:
                 numbers = {"stated": getattr(mechanism, name), "found": one.value, "sd": one.sd, "unit": one.unit}
-                yield message("diagnosis.wrong_number", mechanism=mechanism.name, parameter=name, **numbers)
+                parameter = shown_name(name, record.unit)
+                yield message("diagnosis.wrong_number", mechanism=mechanism.name, parameter=parameter, **numbers)
 
 
 def _by_run(estimates: Mapping[str, Estimate]) -> tuple[dict[str, float], dict[str, float]]:

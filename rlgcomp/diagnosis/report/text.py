@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from rlgcomp.diagnosis.answer.scores import RunScore, Score
-from rlgcomp.diagnosis.equations.findings import Cause
+from rlgcomp.diagnosis.equations.findings import Cause, shown_name
 from rlgcomp.diagnosis.report.record import LATENT, Place, Record
 from rlgcomp.diagnosis.report.remarks import gain, headline, remarks
 from rlgcomp.report.messages.wording import (
@@ -108,7 +108,7 @@ def member_rows(record: Record) -> list[list[str]]:
             "; ".join(
                 [
                     *([one.equation] if one.parameters and (one.own_form or one.states_its_numbers) else []),
-                    *(f"{name} = {e.text}" for name, e in one.parameters.items()),
+                    *(f"{shown_name(name, record.unit)} = {e.text}" for name, e in one.parameters.items()),
                 ]
             )
             or "; ".join(switch.text for switch in one.switches)

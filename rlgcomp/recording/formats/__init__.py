@@ -223,7 +223,7 @@ def _contents(form: ModuleType, path: Path, wanted: Sequence[str]) -> Contents:
     return Contents(*(form.load(path, wanted) if getattr(form, "CONTAINER", False) else form.load(path)))
 
 
-def write(recording: Recording, path: str | Path, *, overwrite: bool = False) -> None:
+def write(recording: Recording, path: str | Path, *, overwrite: bool = False, left_out: Sequence[str] = ()) -> None:
     """Write a recording, whole or not at all; the ending of `path` chooses the format.
 
     Parameters
@@ -233,6 +233,8 @@ def write(recording: Recording, path: str | Path, *, overwrite: bool = False) ->
         Another recording that this package wrote is replaced.
     overwrite : bool
         Whether a file that this package did not write is replaced as well.
+    left_out : sequence of str
+        Columns that are not written.
 
     Raises
     ------
@@ -242,7 +244,7 @@ def write(recording: Recording, path: str | Path, *, overwrite: bool = False) ->
     path = Path(path)
     require_recordable(path, overwrite=overwrite)
     form = _format_of(path)
-    table = recording.table
+    table = recording.table.drop(columns=list(left_out))
     if recording.truth is not None:
         truth = recording.truth.rename(columns=lambda mechanism: f"{TRUTH_PREFIX}{mechanism}{TRUTH_SUFFIX}")
         table = pd.concat([table, truth], axis=1)
