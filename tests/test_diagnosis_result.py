@@ -420,9 +420,10 @@ def test_what_was_found_of_another_quantity_predicts_it(folder: Path, tmp_path: 
     left = measured["force_N"] - predicted["force_N"]
     assert left.std() < 0.8 * measured["force_N"].std()  # the rest is white noise
     assert abs(left.mean()) < 0.1 * left.std()
+    measured.drop(columns="force_N").to_csv(tmp_path / "other.csv", index=False)
     for arguments, message in (
         (["simulate", augmented, "--out", str(tmp_path / "run.csv")], "this simulator is of force_N"),
-        (["predict", augmented, str(folder / "run1.parquet"), "--out", str(made)], "that the simulator predicts"),
+        (["predict", augmented, str(tmp_path / "other.csv"), "--out", str(made)], "that the simulator predicts"),
     ):
         refused = CliRunner().invoke(app, arguments)
         assert message in f"{refused.output} {refused.exception}"
