@@ -56,8 +56,13 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
                 families.insert(0, Family(f"b = k {column}", [(Power(path),)], kin))
                 families.insert(1, Family(f"b = parabola of {column}", [(Power(path), Power(path, 2))], kin))
             families += symmetric_laws(driver, kin)
-            trend = Family(f"b = k {column} + f({column})", [(Power(path), Smooth(path))], kin)
-            finer = forms_of(f"law:{column}", [trend, *nonlinear(path, kin, (Shift,))])
+            cubic = Power(path), Power(path, 2), Power(path, 3)
+            trends = [
+                Family(f"b = k {column} + f({column})", [(Power(path), Smooth(path))], kin),
+                Family(f"b = cubic of {column}", [cubic], kin),
+                Family(f"b = cubic of {column} + f({column})", [(*cubic, Smooth(path))], kin),
+            ]
+            finer = forms_of(f"law:{column}", [*trends, *nonlinear(path, kin, (Shift,))])
             yield Region(f"law:{column}", None, _LAW, forms_of(f"law:{column}", families), (column,), finer=finer)
         if driver != own and driver not in setting.other_thermometers:
             times = setting.time_constants_s(1.0, 0.5)

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -36,6 +36,7 @@ _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _ALIKE: Final = 12  # that are compared under the same noises,
 _NOISES: Final = 3  # those of so many of them
 _PAIRS: Final = 2  # of further regions beside one set
+_FAR_SMALLER: Final = 0.05  # than another member of a set
 _EXCHANGED: Final = 3  # members of a set of which two are exchanged together
 _LAWS_OF_PAIRS: Final = 8  # laws that are tried in pairs
 _SLOW_WINDOWS: Final = (5, 15)  # of running means from which a two-state path is begun
@@ -61,6 +62,7 @@ class Search(Sharpening):
             self._beam(null, [state for state in found if state.log_posterior > best - _WITHIN])
         self._leave_out()
         self._share_noises()
+        self._from_the_finest()
         for state in self._ordered()[:_WITH_WANDER]:
             self.wandering(state)
         return self._ordered()
@@ -75,6 +77,32 @@ class Search(Sharpening):
                 found = self.converged(state.members, dataclasses.replace(noise, errors=state.noise.errors))
                 if found.noise != state.noise and found.log_point > state.log_point + WORTH:
                     self.refined(found)
+
+    def _from_the_finest(self) -> None:
+        """The likeliest set at its finest, and without members that may make up for a loud form that is off by little."""
+        for _ in range(_EXCHANGED):
+            best = self._ordered()[0]
+            found = [self._at_its_finest(one) for one in (best, *self._without_what_makes_up(best))]
+            if not any(one.log_point > best.log_point + WORTH_MORE for one in found):
+                return
+            self._leave_out()
+
+    def _at_its_finest(self, state: State) -> State:
+        finest = self.sharpened(state)
+        if finest.members == state.members:
+            return state
+        found = dataclasses.replace(self.converged(finest.members, finest.noise), log_volume=state.log_volume)
+        self.visit(found)
+        return found
+
+    def _without_what_makes_up(self, state: State) -> Iterator[State]:
+        """Sets without one of the members that act by the same column as another one, or are far smaller than the largest."""
+        columns = [self.regions[member.form.region].drivers for member in state.members]
+        largest = max((member.size for member in state.members), default=0.0)
+        for k, (member, own) in enumerate(zip(state.members, columns, strict=True)):
+            alike = any(set(own) & set(other) for j, other in enumerate(columns) if j != k)
+            if alike or member.size < _FAR_SMALLER * largest:
+                yield self.converged((*state.members[:k], *state.members[k + 1 :]), state.noise)
 
     def _leave_out(self) -> None:
         """Sets with a member less than the likeliest, under its noise, errors and outliers: a weak member may stand for nothing."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Final
@@ -41,6 +42,7 @@ _COARSE: Final = 1.0 / 16.0  # of a form of more than a few leading bases
 _FEW: Final = 3
 _TOGETHER: Final = 5  # moves up to which every number of them is tried together, the best first; beyond, powers of two and all
 _NARROW: Final = 4  # leading columns
+_PAIR: Final = 2  # leading bases that are moved together
 WORTH: Final = 0.3  # nats that a polishing step must gain
 WORTH_MORE: Final = 3.0  # and a further member of a form
 CLEAR: Final = 15.0  # nats that a term gains, from which on its form is polished
@@ -381,14 +383,14 @@ class Members:
             if of_move > value + WORTH:
                 best[k] = max(best.get(k, (of_move, basis)), (of_move, basis), key=lambda one: one[0])
         worth = sorted(((v, k, basis) for k, (v, basis) in best.items()), key=lambda one: one[0], reverse=True)
-        if not worth:
-            return None
         lead, together = list(member.form.lead), list[Form]()
+        if not worth:
+            together = _of_two(member.form, moves)
         for count, (_, k, basis) in enumerate(worth, start=1):
             lead[k] = basis
             if count <= _TOGETHER or count == len(worth) or count.bit_count() == 1:
                 together.append(dataclasses.replace(member.form, lead=tuple(lead)))
-        found = self.likeliest(given, together)
+        found = self.likeliest(given, together) if together else None
         return found if found is not None and found[0] > value + WORTH else None  # rounding may part two products of one form
 
     def volume(self, members: Set, k: int, noise: Noise) -> float:
@@ -401,6 +403,14 @@ class Members:
         values = np.concatenate([point, table.ravel()])
         at = point[int(np.argmin(np.abs(priors.SIZES - own.size)))]
         return log_sum(values) - float(at)
+
+
+def _of_two(form: Form, moves: Sequence[tuple[int, Basis]]) -> list[Form]:
+    """A form of two leading bases of a kind with both moved: where one makes up for the other, none moves by itself."""
+    if len(form.lead) != _PAIR or type(form.lead[0]) is not type(form.lead[1]):
+        return []
+    first, second = ([basis for k, basis in moves if k == place] for place in range(_PAIR))
+    return [dataclasses.replace(form, lead=both) for both in itertools.product(first, second)]
 
 
 def _is_narrow(form: Form) -> bool:

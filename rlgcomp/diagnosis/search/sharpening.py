@@ -14,7 +14,9 @@ from rlgcomp.diagnosis.search.states import State, States
 
 _ROUNDS_OF_SHARPENING: Final = 2
 _EQUATIONS: Final = 6  # of a region, from which a member of the set that is fitted is polished:
-_MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished
+_MOST_OF_GAIN: Final = 0.8  # those that gain so much of what its form gains before they are polished,
+_LOUD: Final = 1.1  # or so many nats a window, which leave a third of a loud term:
+_OF_LOUD: Final = 10  # of that
 _NEAR_EQUATIONS: Final = 12.0  # and of more than a few columns, those so many nats behind it or the likeliest of the grid
 _HISTORIES: Final = 2  # that are polished
 
@@ -66,9 +68,10 @@ class Sharpening(States):
         finer = [[form for form in region.finer if form.equation == one] for one in dict.fromkeys(f.equation for f in region.finer)]
         every = [*self.by_equation(region, given, noise), *(one for forms in finer if (one := self.likeliest(given, forms)))]
         every.sort(key=lambda one: one[0], reverse=True)
-        least = given.log_evidence + _MOST_OF_GAIN * (best[0] - given.log_evidence)
+        gain, loud = best[0] - given.log_evidence, _LOUD * len(self.bank.data)
+        least, most = given.log_evidence + min(_MOST_OF_GAIN * gain, loud), _EQUATIONS if _MOST_OF_GAIN * gain < loud else _OF_LOUD
         least_wide = min([best[0], *(one[0] for one in every[:1])]) - _NEAR_EQUATIONS
-        near = [one for one in every if one[0] > (least if self.narrow(one[1].form) else least_wide)][:_EQUATIONS]
+        near = [one for one in every if one[0] > (least if self.narrow(one[1].form) else least_wide)][:most]
         near += self._grown_without_thresholds(region, every, others, noise)
         for start in (best, *near):
             found = self.exact(*self.polished(*start, given, finest=True), given)
