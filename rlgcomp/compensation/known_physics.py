@@ -29,6 +29,7 @@ from rlgcomp.simulation.simulator import Simulator
 
 Array = npt.NDArray[np.float64]
 LEARNT: Final = "LS-SVM"  # the part that is no known physics
+_ROUNDING: Final = 1e-10  # of the bias, below which it has no part
 CLEARLY_WORSE: Final = 1.1  # times the error without known physics
 MOST_SHARE: Final = 1.2  # of the bias's variance in one part: another takes off what it has too much
 WELL_KNOWN: Final = 5.0  # standard deviations of the best known amplitude of a part from zero
@@ -192,7 +193,8 @@ def parts_of(pipeline: FeatureRecipe, scaling: Scaling, model: Any, X: Array) ->
     for owner, place, coefficient in zip(owners, scaling.linear, model.coef_, strict=True):
         values[owner] += scaling.y_scale_deg_h * coefficient * scaled[:, place]
     bias = scaling.y_scale_deg_h * model.predict(scaled)
-    values[LEARNT] = bias - sum(values.values(), np.zeros(len(X)))
+    rest = bias - sum(values.values(), np.zeros(len(X)))
+    values[LEARNT] = np.zeros(len(X)) if np.std(rest) < _ROUNDING * np.std(bias) else rest
     total = float(np.var(bias)) or 1.0
     about = bias - bias.mean()
     rows = [[part, float(np.std(one)), float(np.mean((one - one.mean()) * about)) / total] for part, one in values.items()]
