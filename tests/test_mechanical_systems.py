@@ -46,7 +46,7 @@ def test_a_pendulum_lacks_a_law_of_the_angle(pendulum: Diagnosis) -> None:
     assert law.memory == "static"
     assert law.equation == "b = odd function of angle_rad"
     assert pendulum.test is not None
-    assert pendulum.test.improvement > 0.8
+    assert pendulum.test.improvement > 0.75  # a sine of the angle and damping, fitted to the test swing itself gain 0.80
 
 
 def test_its_rate_is_told_as_a_reading_of_the_output(pendulum: Diagnosis) -> None:

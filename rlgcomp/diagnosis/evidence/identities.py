@@ -1,8 +1,8 @@
 """Kinematic identities: a recorded column that is the output's integral, or its rate of change, is a reading of it and no cause.
 
 Laws without a name that say no more than that are left out: of a column whose rate of change is the output, all with a memory (its
-value may act, as a velocity damps an acceleration); of a column that is the output's rate of change, all. Nor is such a column
-late: its delay would be told by the output itself.
+value may act, as a velocity damps an acceleration, though not a little earlier or later, for that is the output again); of a column
+that is the output's rate of change, all. Nor is such a column late: its delay would be told by the output itself.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rlgcomp.diagnosis.data import Data, Run
+from rlgcomp.diagnosis.forms.bases import Shift
 from rlgcomp.diagnosis.forms.terms import Region
 from rlgcomp.diagnosis.regions.lateness import LATE
 from rlgcomp.errors import InputError
@@ -81,8 +82,18 @@ def identities(data: Data, output: Callable[[Recording], Array], unit: str) -> t
 
 
 def without_identities(regions: Sequence[Region], found: Sequence[Identity]) -> list[Region]:
-    """Regions that say more than the identities."""
-    return [region for region in regions if not any(identity.excludes(region) for identity in found)]
+    """Regions that say more than the identities, and of them what does."""
+    rest = [region for region in regions if not any(identity.excludes(region) for identity in found)]
+    return [_at_their_time(region) if any(one.column in region.drivers for one in found) else region for region in rest]
+
+
+def _at_their_time(region: Region) -> Region:
+    """A region whose forms do not depart by a shift in time."""
+    forms, finer = (
+        tuple(dataclasses.replace(form, own=tuple(make for make in form.own if make is not Shift)) for form in listed)
+        for listed in (region.forms, region.finer)
+    )
+    return dataclasses.replace(region, forms=forms, finer=finer)
 
 
 def _centred(run: Run, values: Array) -> Array:

@@ -136,7 +136,7 @@ class Region:
     nuisance : bool
         No missing physics: a step of the bias, a bias a run, a stated number that is wrong.
     finer : tuple of Form
-        Further forms that are tried in the set that predicts alone: no set is likelier or less likely for them.
+        Further forms that are tried in the likeliest set alone, and in its rivals where it is clearly likelier at its finest.
     """
 
     key: str

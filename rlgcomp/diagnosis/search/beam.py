@@ -36,6 +36,8 @@ _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _ALIKE: Final = 12  # that are compared under the same noises,
 _NOISES: Final = 3  # those of so many of them
 _PAIRS: Final = 2  # of further regions beside one set
+_RIVALS: Final = 4  # of the likeliest set that are looked at with it at their finest,
+_NEAR_RIVALS: Final = 12.0  # at most so many nats behind what it was
 _FAR_SMALLER: Final = 0.05  # than another member of a set
 _EXCHANGED: Final = 3  # members of a set of which two are exchanged together
 _LAWS_OF_PAIRS: Final = 8  # laws that are tried in pairs
@@ -79,12 +81,19 @@ class Search(Sharpening):
                     self.refined(found)
 
     def _from_the_finest(self) -> None:
-        """The likeliest set at its finest, and without members that may make up for a loud form that is off by little."""
+        """The likeliest set at its finest, and without members that may make up for a loud form that is off by little.
+
+        Where that is clearly likelier, its rivals are at their finest as well, and what it does not need is left out.
+        """
         for _ in range(_EXCHANGED):
             best = self._ordered()[0]
             found = [self._at_its_finest(one) for one in (best, *self._without_what_makes_up(best))]
-            if not any(one.log_point > best.log_point + WORTH_MORE for one in found):
+            gain = max(one.log_point for one in found) - best.log_point
+            if gain < WORTH_MORE:
                 return
+            for rival in self._ordered()[1:_RIVALS]:
+                if rival.log_posterior > best.log_posterior - _NEAR_RIVALS:
+                    self._at_its_finest(rival)
             self._leave_out()
 
     def _at_its_finest(self, state: State) -> State:
