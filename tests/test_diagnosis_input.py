@@ -228,6 +228,10 @@ def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None
         rlg.diagnose(rlg.Simulator(), [run], [run])
     with pytest.raises(rlg.InputError, match="is given twice to train"):
         rlg.diagnose(rlg.Simulator(), [run, run.replace(name="other")])
+    with pytest.raises(rlg.InputError, match="is given both to train and to confirm"):
+        rlg.diagnose(rlg.Simulator(), [run], confirm=[run])
+    with pytest.raises(rlg.InputError, match="magnetic_field is among the only candidates and is left out as well"):
+        rlg.diagnose(rlg.Simulator(), [run], only=["magnetic_field"], without=["magnetic_field"])
 
 
 @pytest.mark.parametrize("step_s", [0.1, 1.0])

@@ -225,11 +225,13 @@ def _candidates(
     Raises
     ------
     InputError
-        A name is not among them.
+        A name is not among them, or is asked for and left out.
     """
     unknown = [name for name in (*without, *only) if name not in mechanisms]
     if unknown:
         raise InputError(f"{', '.join(map(repr, unknown))} is no candidate; candidates are {', '.join(mechanisms)}")
+    if both := [name for name in only if name in without]:
+        raise InputError(f"{', '.join(both)} is among the only candidates and is left out as well; give it once")
     chosen = {name: mechanism for name, mechanism in mechanisms.items() if name in only} if only else dict(mechanisms)
     return {name: mechanism for name, mechanism in chosen.items() if name not in without}
 

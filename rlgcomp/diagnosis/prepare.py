@@ -88,7 +88,7 @@ class Prepared:
         """
         if not train:
             raise InputError("no training runs; give at least one with --train")
-        require_held_out([*train, *confirm], test)
+        require_held_out(train, test, confirm)
         runs, messages = [*train, *confirm, *test], []
         if output is None:
             runs, found = without_outliers(runs, gyro)

@@ -111,16 +111,28 @@ def with_distinct_names(specs: Sequence[str], runs: Sequence[Recording]) -> list
     ]
 
 
-def require_held_out(train: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Refuse a run, rounded or not, that is both a training and a test run, or a training run twice.
+def require_held_out(train: Sequence[Recording], test: Sequence[Recording], confirm: Sequence[Recording] = ()) -> None:
+    """Refuse a run, rounded or not, that is in two of these groups, or twice in one of those that are learnt from.
+
+    Parameters
+    ----------
+    train, test : sequence of Recording
+    confirm : sequence of Recording
+        Take part in a choice alone.
 
     Raises
     ------
     InputError
         Rows of one are rows of the other.
     """
-    both = ((one, other, "both to train and to test") for one, other in itertools.product(test, train))
-    twice = ((one, other, "twice to train") for one, other in itertools.combinations(train, 2))
+    pairs = (("train", train, "test", test), ("confirm", confirm, "test", test), ("train", train, "confirm", confirm))
+    both = (
+        (other, one, f"both to {of_one} and to {of_other}")
+        for of_one, ones, of_other, others in pairs
+        for other, one in itertools.product(others, ones)
+    )
+    groups = (("train", train), ("confirm", confirm))
+    twice = ((one, other, f"twice to {of}") for of, runs in groups for one, other in itertools.combinations(runs, 2))
     for one, other, where in itertools.chain(both, twice):
         if share_rows(one, other):
             raise InputError(

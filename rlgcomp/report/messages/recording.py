@@ -45,8 +45,8 @@ def no_gyro_column(
     *, columns: Sequence[str], units: Mapping[str, str], meant: Mapping[str, str], beside: Sequence[str] = ()
 ) -> str:
     here = suggested_gyro([*columns, *beside], units)
-    general = f"map one, here probably with {here}" if here else "map one with --map gyro_deg_h='NAME [unit]'"
-    how = _misnamed(meant) or general
+    other = "map one with --map gyro_deg_h='NAME [unit]'; another quantity is diagnosed with --output COLUMN"
+    how = _misnamed(meant) or (f"map one, here probably with {here}" if here else other)
     return f"no gyro column; the columns are {_listed(columns)}; {how}"
 
 
