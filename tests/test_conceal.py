@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -267,6 +268,16 @@ class TestReveal:
         assert revealed.improvement == pytest.approx(0.375)
         assert revealed.possible_improvement == pytest.approx(0.4, abs=0.05)
         assert revealed.hidden["temperature_rate"]["k_deg_h_min_K"] == 0.004
+
+    def test_what_the_true_law_gains_is_in_the_windows_of_the_answer(self, folder: Path) -> None:
+        """White noise alone is left: of means over four times as long half of it."""
+        made = challenge("temperature_rate")
+        left = made.possible_rms_deg_h
+        (window_s,) = (time_s for time_s, rms in made.possible_by_averaging_s.items() if rms == left)
+        for factor in (0.25, 1.0, 3.0):
+            held_out = {"baseline_rms": 0.008, "augmented_rms": 0.0025, "averaging_s": factor * window_s}
+            path = self.write(folder, diagnosis("none", test=held_out))
+            assert reveal(folder, path).possible_improvement == pytest.approx(1.0 - left / math.sqrt(factor) / 0.008, abs=0.03)
 
     def test_a_changed_truth_is_refused(self, folder: Path) -> None:
         path = self.write(folder, diagnosis("none"))

@@ -37,6 +37,8 @@ _DRAWS: Final = 20
 _PASSES: Final = 5  # at most, until the size is near enough
 _NEAR: Final = 0.01
 _LARGE: Final = 5.0  # times the usual size
+_AVERAGING: Final = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)  # of the windows: a diagnosis may have others,
+_MOST_AVERAGED: Final = 0.1  # up to so much of a run
 _HARDLY_ANY: Final = 0.1  # share of an effect that the simulator does not absorb
 _SEED_BYTES: Final = 16  # more than can be tried
 
@@ -58,6 +60,8 @@ class Challenge:
         Of each: the part that the simulator cannot absorb over the white noise of a window mean.
     possible_rms_deg_h : float
         Residual of the true law in window means of the held-out runs: noise, and effects that differ from run to run.
+    possible_by_averaging_s : mapping of float to float
+        The same in means over shorter and longer times.
     seed : int
         Of all its random streams: whoever knows it can make the challenge again, and so open it.
     remarks : tuple of Message
@@ -71,6 +75,7 @@ class Challenge:
     mechanisms: tuple[Mechanism, ...]
     strengths: Mapping[str, float]
     possible_rms_deg_h: float
+    possible_by_averaging_s: Mapping[float, float]
     seed: int
     remarks: tuple[Message, ...] = ()
 
@@ -127,6 +132,9 @@ def conceal(
     mechanisms = tuple(mechanism for mechanism in bench.gyro.mechanisms if mechanism.name in names)
     effects = {mechanism.name: bench.unabsorbed(mechanism) for mechanism in mechanisms}
     runs = bench.stand.record(bench.gyro, RUNS)
+    window_s, shortest_s = bench.projection.window_s, min(run.duration_s for run in runs[TRAINING:])
+    windows_s = [time_s for factor in _AVERAGING if step_s <= (time_s := factor * window_s) <= _MOST_AVERAGED * shortest_s]
+    possible = {time_s: _possible_rms_deg_h(runs[TRAINING:], mechanisms, time_s) for time_s in {window_s, *windows_s}}
     return Challenge(
         simulator=lacking,
         train=tuple(_bare(run) for run in runs[:TRAINING]),
@@ -138,7 +146,8 @@ def conceal(
         ),
         mechanisms=mechanisms,
         strengths={name: float(np.std(values)) / bench.white_deg_h for name, values in effects.items()},
-        possible_rms_deg_h=_possible_rms_deg_h(runs[TRAINING:], mechanisms, bench.projection.window_s),
+        possible_rms_deg_h=possible[window_s],
+        possible_by_averaging_s=dict(sorted(possible.items())),
         seed=seed,
         remarks=tuple(remarks),
     )

@@ -14,9 +14,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from rlgcomp.challenge.conceal import RUNS, TRAINING, Challenge
 from rlgcomp.challenge.score import Hidden, Score
@@ -96,6 +98,7 @@ def seal(challenge: Challenge, folder: str | Path) -> None:
             "parameters": dict(challenge.hidden.parameters),
             "intervals": dict(challenge.hidden.intervals),
             "possible_rms_deg_h": challenge.possible_rms_deg_h,
+            "possible_by_averaging_s": [list(one) for one in challenge.possible_by_averaging_s.items()],
             "files": {name: sha256(scratch / name) for name in (SIMULATOR, *runs)},
         }
         write_json(scratch / TRUTH, truth)
@@ -160,7 +163,7 @@ def _scored(folder: Path, challenge: Mapping[str, Any], sealed: Mapping[str, Any
     parameters = {name: float(value) for name, value in sealed["parameters"].items()}
     score = Score.of(Hidden(tuple(sealed["hidden"]), parameters, intervals), answer)
     strengths = {name: float(sealed["strengths"][name]) for name in sealed["hidden"]}
-    improvement, possible = _improvements(answer, float(sealed["possible_rms_deg_h"]))
+    improvement, possible = _improvements(answer, float(sealed["possible_rms_deg_h"]), sealed.get("possible_by_averaging_s") or ())
     findings = tuple(str(finding["mechanism"]) for finding in answer["findings"])
     return Revealed(sealed["hidden"], strengths, findings, score, improvement, possible, challenge["truth_sha256"])
 
@@ -179,7 +182,10 @@ def _require_same_recordings(challenge: Mapping[str, Any], sealed: Mapping[str, 
             )
 
 
-def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple[float | None, float | None]:
+def _improvements(
+    answer: Mapping[str, Any], possible_rms_deg_h: float, by_averaging_s: Sequence[Sequence[float]]
+) -> tuple[float | None, float | None]:
+    """Gains on the held-out runs of what was found and of the true law, both in the answer's own windows."""
     held_out: Mapping[str, Any] = (answer.get("fit") or {}).get("test") or {}
     try:
         before, after = float(held_out["baseline_rms"]), float(held_out["augmented_rms"])
@@ -189,6 +195,9 @@ def _improvements(answer: Mapping[str, Any], possible_rms_deg_h: float) -> tuple
         raise InputError(f"fit.test has rms {before:g} and {after:g} in the diagnosis; give diagnosis.json as diagnose wrote it")
     if not before > 0.0:
         return None, None
+    if by_averaging_s and held_out.get("averaging_s"):
+        times_s, rms_deg_h = np.array(by_averaging_s, dtype=np.float64).T
+        possible_rms_deg_h = math.exp(np.interp(math.log(float(held_out["averaging_s"])), np.log(times_s), np.log(rms_deg_h)))
     return 1.0 - after / before, 1.0 - possible_rms_deg_h / before
 
 
