@@ -230,7 +230,7 @@ def test_a_run_given_twice_is_refused_by_the_library(run: rlg.Recording) -> None
         rlg.diagnose(rlg.Simulator(), [run, run.replace(name="other")])
     with pytest.raises(rlg.InputError, match="is given both to train and to confirm"):
         rlg.diagnose(rlg.Simulator(), [run], confirm=[run])
-    with pytest.raises(rlg.InputError, match="magnetic_field is among the only candidates and is left out as well"):
+    with pytest.raises(rlg.InputError, match="magnetic_field is all that is tried and is left out as well"):
         rlg.diagnose(rlg.Simulator(), [run], only=["magnetic_field"], without=["magnetic_field"])
 
 

@@ -225,15 +225,16 @@ def _candidates(
     Raises
     ------
     InputError
-        A name is not among them, or is asked for and left out.
+        A name is not among them, or all that is asked for is left out.
     """
     unknown = [name for name in (*without, *only) if name not in mechanisms]
     if unknown:
         raise InputError(f"{', '.join(map(repr, unknown))} is no candidate; candidates are {', '.join(mechanisms)}")
-    if both := [name for name in only if name in without]:
-        raise InputError(f"{', '.join(both)} is among the only candidates and is left out as well; give it once")
     chosen = {name: mechanism for name, mechanism in mechanisms.items() if name in only} if only else dict(mechanisms)
-    return {name: mechanism for name, mechanism in chosen.items() if name not in without}
+    rest = {name: mechanism for name, mechanism in chosen.items() if name not in without}
+    if only and not rest:
+        raise InputError(f"{', '.join(only)} is all that is tried and is left out as well; leave out less, or name more")
+    return rest
 
 
 def request_of(

@@ -25,8 +25,8 @@ import numpy.typing as npt
 from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.answer.fit import Estimate, Fit
 from rlgcomp.diagnosis.data import Run
-from rlgcomp.diagnosis.equations.stated import all_names, are_decays, number_of, per, ranks, together
-from rlgcomp.diagnosis.forms.bases import Basis, EachRun, Own, Product, Smooth, Times, Unsettled
+from rlgcomp.diagnosis.equations.stated import all_names, are_decays, number_of, ranks, together
+from rlgcomp.diagnosis.forms.bases import Basis, EachRun, Own, Smooth, Times, Unsettled
 from rlgcomp.diagnosis.forms.memories import Relays, Undecided
 from rlgcomp.diagnosis.regions.passages import scatter_of
 from rlgcomp.diagnosis.regions.selections import by_run, in_all_runs, runs_of
@@ -34,7 +34,6 @@ from rlgcomp.diagnosis.regions.turntable import RatePower
 from rlgcomp.errors import InputError
 from rlgcomp.physics.mechanism import Mechanism
 from rlgcomp.physics.rotation_harmonics import RotationHarmonics
-from rlgcomp.units import display_unit
 
 Array = npt.NDArray[np.float64]
 _SAME: Final = 0.05  # of the white noise of a window mean: what leaves less, or less than a law's discrepancy, describes it
@@ -272,8 +271,6 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
     """
     member, bases = fit.parts[k]
     lead = member.form.lead
-    if bases and isinstance(lead[0], Product) and not by_run(member.form):
-        return _of_product(fit, k, lead[0], unit)
     names = all_names(lead, unit)
     if not bases or by_run(member.form) or not all(names):
         return (_of_path(fit, k, lead[0]) if bases and len(lead) == 1 else {}), ()
@@ -297,40 +294,6 @@ def of_law(fit: Fit, k: int, unit: str) -> tuple[dict[str, Estimate], tuple[str,
     }
     ordered = sorted({**amplitudes, **estimates}.items(), key=lambda item: number_of(item[0]))
     return dict(ordered), ()
-
-
-def _of_product(fit: Fit, k: int, product: Product, unit: str) -> tuple[dict[str, Estimate], tuple[str, ...]]:
-    """Numbers of k (u - a) (v - c) = k u v - k c u - k a v + const, by the errors of the three coefficients."""
-    one, other = (path.driver.columns[0] for path in (product.one, product.other))
-    found = _nearest(fit, k, fit.data.means(lambda run: _crossed(run.column(one), run.column(other))))
-    if not found.holds:
-        return {}, ("k", "a", "c")
-    amplitude, of_one, of_other = found.values
-    covariance = found.covariance + np.diag(found.most**2)
-    slopes = {
-        "k": (amplitude, np.array([1.0, 0.0, 0.0])),
-        "a": (-of_other / amplitude, np.array([of_other / amplitude, 0.0, -1.0]) / amplitude),
-        "c": (-of_one / amplitude, np.array([of_one / amplitude, -1.0, 0.0]) / amplitude),
-    }
-    units = [display_unit(column) for column in (one, other)]
-    of = {"k": per(per(unit, units[0]), units[1]), "a": units[0], "c": units[1]}
-    found_numbers = {
-        name: Estimate(float(value), math.sqrt(slope @ covariance @ slope), of[name]) for name, (value, slope) in slopes.items()
-    }
-    clear = {name: number for name, number in found_numbers.items() if number.sd < _spread_of(name, number, fit, one, other)}
-    return clear, tuple(name for name in found_numbers if name not in clear)
-
-
-def _crossed(u: Array, v: Array) -> Array:
-    """A product of two columns, and both."""
-    return np.column_stack([u * v, u, v])
-
-
-def _spread_of(name: str, number: Estimate, fit: Fit, one: str, other: str) -> float:
-    """Error from which on a number of a product says nothing: its own size, or the range of its column."""
-    if name == "k":
-        return abs(number.value)
-    return float(np.ptp(np.concatenate([run.column(one if name == "a" else other) for run in fit.data.runs])))
 
 
 def _shares(values: Array, covariance: Array, ranks: Sequence[int], unit: str) -> dict[str, Estimate]:

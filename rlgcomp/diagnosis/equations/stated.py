@@ -122,7 +122,7 @@ def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
             of = display_unit(basis.driver.columns[0])
             second = place > 0 and isinstance(basis, Plays)
             return {
-                "": ("l" if second else "k", per(unit, of)),
+                "": ("l" if second else "k", _per(unit, of)),
                 "time_constant_s": ("time_constant_s", "s"),
                 "radius": ("radius", of),
             }
@@ -133,11 +133,11 @@ def _names(basis: Basis, unit: str, place: int) -> dict[str, tuple[str, str]]:
             if isinstance(basis, Saturation):
                 return {"": ("k", unit), "c": ("c", of), "w": ("w", of)}
             if isinstance(basis, SignedPower):
-                return {"": ("k", per(unit, of, f"^{basis.exponent:.3g}")), "p": ("p", ""), "c": ("c", of)}
-            return {"": ("l" if second else "k", per(unit, of)), "c": ("d" if second else "c", of), "delay_s": ("delay_s", "s")}
+                return {"": ("k", _per(unit, of, f"^{basis.exponent:.3g}")), "p": ("p", ""), "c": ("c", of)}
+            return {"": ("l" if second else "k", _per(unit, of)), "c": ("d" if second else "c", of), "delay_s": ("delay_s", "s")}
     return {}
 
 
-def per(unit: str, of: str, power: str = "") -> str:
+def _per(unit: str, of: str, power: str = "") -> str:
     """A unit over another."""
     return f"{unit}/{of if of.isalpha() or len(of) == 1 else f'({of})'}{power}" if of else f"{unit} per unit of the column{power}"

@@ -106,9 +106,8 @@ def laws(setting: Setting, taken: Sequence[Region]) -> Iterator[Region]:
     for one, other in pairs:
         both = (*one.columns, *other.columns)
         key = f"product:{both[0]}:{both[1]}"
-        product, kin = Product(Path(one), Path(other)), (Power(Path(one), 2), Power(Path(other), 2))
-        terms: list[tuple[Basis, ...]] = [(product,), (product, Power(Path(one)), Power(Path(other)))]  # about the middles, or not
-        families = [Family(f"b = k ({both[0]} - a) ({both[1]} - c)", terms, kin)]
+        product = Product(Path(one), Path(other))
+        families = [Family(f"b = k ({both[0]} - a) ({both[1]} - c)", [(product,)], (Power(Path(one), 2), Power(Path(other), 2)))]
         yield Region(key, None, odds_of_two, forms_of(key, families), both)
 
 

@@ -16,6 +16,7 @@ from rlgcomp.diagnosis import priors
 from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.closed_form import LOG_SIZE, Conditional, Evidence, Member, Set, columns_of
 from rlgcomp.diagnosis.evidence.pairs import likeliest_pairs
+from rlgcomp.diagnosis.forms.bases import Shift
 from rlgcomp.diagnosis.forms.terms import Form, Region
 from rlgcomp.diagnosis.noise.errors import Errors
 from rlgcomp.diagnosis.noise.model import Noise
@@ -86,10 +87,11 @@ class Search(Sharpening):
         Where that is clearly likelier, its rivals are at their finest as well, and what it does not need is left out.
         """
         for _ in range(_EXCHANGED):
-            best = self._ordered()[0]
+            best, before = self._ordered()[0], dict(self.visited)
             found = [self._at_its_finest(one) for one in (best, *self._without_what_makes_up(best))]
             gain = max(one.log_point for one in found) - best.log_point
-            if gain < WORTH_MORE:
+            if gain < WORTH_MORE:  # its rivals are no finer
+                self.visited = before
                 return
             for rival in self._ordered()[1:_RIVALS]:
                 if rival.log_posterior > best.log_posterior - _NEAR_RIVALS:
@@ -97,10 +99,14 @@ class Search(Sharpening):
             self._leave_out()
 
     def _at_its_finest(self, state: State) -> State:
+        """A set with its members polished finely; a column that is late is a member of its own here, and no shift of a law."""
+        before = dict(self.visited)
         finest = self.sharpened(state)
+        self.visited = before
         if finest.members == state.members:
             return state
-        found = dataclasses.replace(self.converged(finest.members, finest.noise), log_volume=state.log_volume)
+        found = self.converged(tuple(map(_in_time, finest.members)), finest.noise)
+        found = dataclasses.replace(found, log_volume=state.log_volume)
         self.visit(found)
         return found
 
@@ -425,3 +431,9 @@ class Search(Sharpening):
                 )
             )
         return courses
+
+
+def _in_time(member: Member) -> Member:
+    """A member without a shift in time."""
+    own = tuple(make for make in member.form.own if make is not Shift)
+    return member if own == member.form.own else Member(dataclasses.replace(member.form, own=own), member.size)
