@@ -89,10 +89,7 @@ def without_identities(regions: Sequence[Region], found: Sequence[Identity]) -> 
 
 def _at_their_time(region: Region) -> Region:
     """A region whose forms do not depart by a shift in time."""
-    forms, finer = (
-        tuple(dataclasses.replace(form, own=tuple(make for make in form.own if make is not Shift)) for form in listed)
-        for listed in (region.forms, region.finer)
-    )
+    forms, finer = (tuple(form.without(Shift) for form in listed) for listed in (region.forms, region.finer))
     return dataclasses.replace(region, forms=forms, finer=finer)
 
 

@@ -72,6 +72,11 @@ class Form(Hashed):
         """The same with one nonlinear parameter of a leading basis moved by so many steps of its grid."""
         return tuple(self.moved(k, basis) for k, own in enumerate(self.lead) for basis in own.nearby(step))
 
+    def without(self, departure: Callable[[Basis], Basis]) -> Self:
+        """The same without one kind of what is made of each leading basis."""
+        own = tuple(make for make in self.own if make is not departure)
+        return self if own == self.own else dataclasses.replace(self, own=own)
+
     def moved(self, k: int, basis: Basis) -> Self:
         """The same with another leading basis at a place."""
         return dataclasses.replace(self, lead=(*self.lead[:k], basis, *self.lead[k + 1 :]))

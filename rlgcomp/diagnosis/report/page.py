@@ -174,7 +174,7 @@ def _next(record: Record, names: tuple[str, ...]) -> str:
     """What to do: the next experiment where one separates what is likely, else what follows from the verdict."""
     if record.next_message is not None:
         return in_words(record.next_message.text, names)
-    if record.verdict == "none" and any(one.code == "diagnosis.left_over" for one in remarks(record)):
+    if record.verdict == "none" and record.left_over:
         return "Find out what acts in the runs of which more is left than noise, before the simulator is relied on."
     if record.verdict == "none":
         return "Keep the simulator, with the numbers calibrated below."

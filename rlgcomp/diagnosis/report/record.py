@@ -11,6 +11,7 @@ import numpy as np
 
 from rlgcomp.diagnosis.answer.black_box import REFERENCE, BlackBox
 from rlgcomp.diagnosis.answer.fit import Estimate, Fit
+from rlgcomp.diagnosis.answer.left_over import LeftOver, left_over
 from rlgcomp.diagnosis.answer.mismatch import parts
 from rlgcomp.diagnosis.answer.posterior import Posterior
 from rlgcomp.diagnosis.answer.scores import Score, score
@@ -19,6 +20,7 @@ from rlgcomp.diagnosis.decide import Decision
 from rlgcomp.diagnosis.equations.findings import DEG_H, Cause, cause_of, in_unit
 from rlgcomp.diagnosis.equations.simulator_file import SimulatorFile, noise_of, residual_of, simulator_of
 from rlgcomp.diagnosis.forms.drivers import Driver
+from rlgcomp.diagnosis.regions.nuisances import RUN_BIAS
 from rlgcomp.diagnosis.simulators.resampling import Alignment
 from rlgcomp.noise.processes import NoiseModel
 from rlgcomp.physics.mechanism import Mechanism
@@ -280,6 +282,16 @@ class Record:
     def test(self) -> Score | None:
         """The test runs: the proof."""
         return score(self.before, self.after, self.test_runs, self.unit, self.request.seed, self.black_box)
+
+    @functools.cached_property
+    def left_over(self) -> dict[str, list[LeftOver]]:
+        """Runs of which more is left than noise, by group; none where a latent cause or more noise than stated accounts for it."""
+        if self.latent or self.decision.louder or self.slow_error_rms:
+            return {}
+        biases = RUN_BIAS in self.recalibration
+        parts = {"training": self.after.data.runs, "confirm": self.confirm_runs, "test": self.test_runs}
+        found = {part: list(left_over(self.after, runs, biases=biases)) for part, runs in parts.items()}
+        return {part: of_part for part, of_part in found.items() if of_part}
 
     @property
     def latent(self) -> tuple[str, ...]:

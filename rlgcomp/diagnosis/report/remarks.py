@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from rlgcomp.diagnosis.answer.fit import Estimate
-from rlgcomp.diagnosis.answer.left_over import left_over
 from rlgcomp.diagnosis.answer.scores import Score
 from rlgcomp.diagnosis.data import Run
 from rlgcomp.diagnosis.decide import TELEGRAPH
@@ -200,19 +199,10 @@ def _worse(record: Record) -> Iterator[Message]:
 
 
 def _left_over(record: Record) -> Iterator[Message]:
-    """Runs of which more is left than noise, where no latent cause accounts for it."""
-    if record.latent or record.decision.louder or record.slow_error_rms:
-        return
-    biases = RUN_BIAS in record.recalibration
-    parts = {"training": record.after.data.runs, "confirm": record.confirm_runs, "test": record.test_runs}
-    found = {part: list(left_over(record.after, runs, biases=biases)) for part, runs in parts.items()}
-    if any(found.values()):
-        yield message(
-            "diagnosis.left_over",
-            runs={part: [one._asdict() for one in of_part] for part, of_part in found.items() if of_part},
-            unit=record.unit,
-            named=record.verdict != "none",
-        )
+    """Runs of which more is left than noise."""
+    if record.left_over:
+        runs = {part: [one._asdict() for one in of_part] for part, of_part in record.left_over.items()}
+        yield message("diagnosis.left_over", runs=runs, unit=record.unit, named=record.verdict != "none")
 
 
 def _learns(one: Score) -> bool:

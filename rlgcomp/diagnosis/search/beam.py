@@ -105,8 +105,8 @@ class Search(Sharpening):
         self.visited = before
         if finest.members == state.members:
             return state
-        found = self.converged(tuple(map(_in_time, finest.members)), finest.noise)
-        found = dataclasses.replace(found, log_volume=state.log_volume)
+        members = tuple(Member(member.form.without(Shift), member.size) for member in finest.members)
+        found = dataclasses.replace(self.converged(members, finest.noise), log_volume=state.log_volume)
         self.visit(found)
         return found
 
@@ -431,9 +431,3 @@ class Search(Sharpening):
                 )
             )
         return courses
-
-
-def _in_time(member: Member) -> Member:
-    """A member without a shift in time."""
-    own = tuple(make for make in member.form.own if make is not Shift)
-    return member if own == member.form.own else Member(dataclasses.replace(member.form, own=own), member.size)
