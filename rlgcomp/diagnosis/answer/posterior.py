@@ -16,6 +16,7 @@ from rlgcomp.diagnosis.evidence.bank import Bank
 from rlgcomp.diagnosis.evidence.closed_form import Member
 from rlgcomp.diagnosis.evidence.screen import Layout
 from rlgcomp.diagnosis.forms.terms import WANDER, Region
+from rlgcomp.diagnosis.regions.nuisances import STEP
 from rlgcomp.diagnosis.regions.waves import as_wander, strays
 from rlgcomp.diagnosis.search.beam import Search
 from rlgcomp.diagnosis.search.states import Key, State
@@ -66,7 +67,8 @@ class Posterior:
         states = search.run()
         if bank.data.turns:
             return cls(tuple(states), search.regions, *_in_noise(search, states, seed, left=layout is None))
-        jumping = search.with_processes([*states[:_PROVED], *(state for state in states if not state.members)])
+        proved = states[:_PROVED]
+        jumping = search.with_processes([*proved, *map(_without_steps, proved), *(one for one in states if not one.members)])
         paths = _search_beside(search, jumping, _INSTEAD if states[0].wander else 0.0, forget=layout is None)
         for _ in range(_PATHS):
             best = search.likeliest_state
@@ -147,6 +149,11 @@ class Posterior:
         """Probability of the likeliest set less one of its regions, whatever unrecorded there is beside it."""
         others = self.effects(self.best.key) - {key}
         return sum(p for (candidate, _), p in self.of_effects.items() if candidate == others)
+
+
+def _without_steps(state: State) -> State:
+    """A set less the steps of its bias, which stand in for the jumps of a process that jumps but a few times."""
+    return dataclasses.replace(state, members=tuple(member for member in state.members if member.form.region != STEP))
 
 
 def _search_beside(search: Search, jumping: list[State], instead: float, *, forget: bool) -> list[Array]:

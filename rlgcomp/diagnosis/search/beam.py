@@ -37,7 +37,7 @@ _WITH_WANDER: Final = 3  # sets beside which a wander is tried
 _ALIKE: Final = 12  # that are compared under the same noises,
 _NOISES: Final = 3  # those of so many of them
 _PAIRS: Final = 2  # of further regions beside one set
-_RIVALS: Final = 4  # of the likeliest set that are looked at with it at their finest,
+_RIVALS: Final = 3  # of the likeliest set that are looked at with it at their finest,
 _NEAR_RIVALS: Final = 12.0  # at most so many nats behind what it was
 _FAR_SMALLER: Final = 0.05  # than another member of a set
 _EXCHANGED: Final = 3  # members of a set of which two are exchanged together
@@ -82,21 +82,33 @@ class Search(Sharpening):
                     self.refined(found)
 
     def _from_the_finest(self) -> None:
-        """The likeliest set at its finest, and without members that may make up for a loud form that is off by little.
+        """The likeliest set and its rivals at their finest, and it without members that may make up for a form that is off by little.
 
-        Where that is clearly likelier, its rivals are at their finest as well, and what it does not need is left out.
+        Those count that are clearly likelier at their finest; what the likeliest does not need is left out, and what may stand in
+        its place is tried again.
         """
         for _ in range(_EXCHANGED):
             best, before = self._ordered()[0], dict(self.visited)
+            rivals = self._rivals(best)
             found = [self._at_its_finest(one) for one in (best, *self._without_what_makes_up(best))]
             gain = max(one.log_point for one in found) - best.log_point
-            if gain < WORTH_MORE:  # its rivals are no finer
+            closer = max((self._at_its_finest(one).log_point - one.log_point for one in rivals), default=0.0)
+            if max(gain, closer) < WORTH_MORE:
                 self.visited = before
                 return
-            for rival in self._ordered()[1:_RIVALS]:
-                if rival.log_posterior > best.log_posterior - _NEAR_RIVALS:
-                    self._at_its_finest(rival)
             self._leave_out()
+            if self._ordered()[0].key != best.key or gain > _NEAR_RIVALS:
+                self._exchange()
+
+    def _rivals(self, best: State) -> list[State]:
+        """The sets next to the likeliest that are not a likelier one and something more."""
+        found = [best]
+        for state in self._ordered()[1:]:
+            if len(found) > _RIVALS or state.log_posterior < best.log_posterior - _NEAR_RIVALS:
+                break
+            if not any(one.key[0] < state.key[0] and one.key[1] == state.key[1] for one in found):
+                found.append(state)
+        return found[1:]
 
     def _at_its_finest(self, state: State) -> State:
         """A set with its members polished finely; a column that is late is a member of its own here, and no shift of a law."""
@@ -189,22 +201,32 @@ class Search(Sharpening):
         if len({form.region for form in forms}) < 2:
             return []
         offset = self.log_prior(state.members) + self.log_prior_of(noise)
-        visited = {key for key, _ in self.visited}
+        tried = {key for key, _ in self.visited}
         found: list[State] = []
         for value, pair in likeliest_pairs(given, forms, [self.regions[form.region].log_odds for form in forms]):
             if len(found) == _PAIRS or value + offset < self.top - WITHIN_REACH:
                 break
-            if frozenset(taken | {member.form.region for member in pair}) not in visited:
+            regions = frozenset(taken | {member.form.region for member in pair})
+            if regions not in tried:
+                tried.add(regions)
                 found.append(self.refined(self.converged((*state.members, *pair), noise)))
         return found
 
     def _candidates(self, given: Conditional, noise: Noise, taken: set[str]) -> list[Form]:
-        """The likeliest form of each further region that is no law, or a law that came near."""
+        """The likeliest form of each further region that is no law, and of its first equation, or of a law that came near.
+
+        Alone a region's richest form stands in for what is beside it.
+        """
         tried = [key for key in self.regions if key not in taken and (key in self._near or not self.is_law(key))]
         table = np.max(self.gains(given, noise, self.wanted(tried)), axis=1) + self.log_shares
         best = {key: rows.start + int(np.argmax(table[rows])) for key in tried if (rows := self.rows[key]).start < rows.stop}
         laws = sorted((key for key in best if self.is_law(key)), key=lambda key: table[best[key]], reverse=True)
-        return [self.forms[k] for key, k in best.items() if key not in laws[_LAWS_OF_PAIRS:]]
+        found = [self.forms[k] for key, k in best.items() if key not in laws[_LAWS_OF_PAIRS:]]
+        for key in (key for key in best if self.regions[key].mechanism is not None):
+            rows = self.rows[key]
+            first = [k for k in range(rows.start, rows.stop) if self.forms[k].equation == self.forms[rows.start].equation]
+            found.append(self.forms[max(first, key=lambda k: table[k])])
+        return list(dict.fromkeys(found))
 
     def _exchange(self) -> None:
         """From the likeliest set: each member dropped, and exchanged for another region."""
