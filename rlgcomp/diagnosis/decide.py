@@ -138,16 +138,17 @@ def _owned(law: Region, regions: Sequence[Region]) -> bool:
 
 
 def _form_of_an_equation(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
-    """Whether a member may be what the equation of a named one of its columns and memory is wrong by: that has no departures.
+    """Whether a member may be what the equation of a named one of its columns and memory is wrong by: none of its forms departs.
 
-    The equation has shapes, or the member follows more than the table's rate: what follows the rate alone beside one without
+    Where some do, the model has weighed them. The equation has shapes, or the member follows more than the table's rate: what follows the rate alone beside one without
     shapes, such as a misalignment, is no form of it, which is geometry and exact.
     """
     size = next(member.size for member in state.members if member.form.region == region.key)
     for member in state.members:
         one, shaped = regions[member.form.region], any(basis.parameters() for basis in member.form.lead)
         alike = region.drivers and set(region.drivers) <= set(one.drivers) and region.memory == one.memory
-        small = not member.form.departures and size <= priors.DISCREPANCY * member.size
+        exact = not (member.form.departures or any(form.departures for form in one.forms))
+        small = exact and size <= priors.DISCREPANCY * member.size
         if one.mechanism is not None and alike and small and (shaped or set(region.drivers) != {TABLE_RATE}):
             return True
     return False

@@ -118,7 +118,9 @@ class Search(Sharpening):
         if finest.members == state.members:
             return state
         members = tuple(Member(member.form.without(Shift), member.size) for member in finest.members)
-        found = dataclasses.replace(self.converged(members, finest.noise), log_volume=state.log_volume)
+        found = self.converged(members, finest.noise)
+        together = float(np.logaddexp(state.log_posterior, found.log_posterior))  # forms of the grid, and this one
+        found = dataclasses.replace(found, log_volume=together - found.log_point)
         self.visit(found)
         return found
 
