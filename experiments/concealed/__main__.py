@@ -38,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--tuning", action="store_true", help="cases for tuning, none of which is on the printed page")
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
     parser.add_argument("--diagnose", default=DIAGNOSE, metavar="MODULE:FUNCTION", help=f"what diagnoses (default {DIAGNOSE})")
+    parser.add_argument("--told", action="store_true", help="the hidden effects are the only candidates, of kinds that have some")
     Work.add_options(parser, "concealed")
     parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files for the command line; score nothing")
     options = parser.parse_args(argv)
@@ -54,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             dump(make_case(one), options.dump / one.name)
             print(options.dump / one.name)
         return
-    run, lost = (functools.partial(function, function=options.diagnose) for function in (run_case, died))
+    run = functools.partial(run_case, function=options.diagnose, told=options.told)
+    lost = functools.partial(died, function=options.diagnose)
     cases = {key_of(one, options.diagnose): one for one in plans}
     rows = Work.of(options).rows(run, cases, died=lost, describe=page.mark)
     own = Work.without_options(sys.argv[1:] if argv is None else argv)

@@ -220,7 +220,16 @@ def chamber_case(plan: Plan, *, laboratory: Laboratory | None = None, scale: Sca
         acting.append(Acting(effect, strength, [size * one for one in bench.expected(effect, seen)], process))
     beside = made.nuisance
     informed = Informed(
-        noise, bench.samples, bench.training, seen, bench.columns(seen), beside.columns, beside.error, acting, made.gyro
+        noise,
+        bench.samples,
+        bench.training,
+        seen,
+        logger.absent,
+        bench.columns(seen),
+        beside.columns,
+        beside.error,
+        acting,
+        made.gyro,
     )
     outside = plan.kind == "outside"
     return Case(

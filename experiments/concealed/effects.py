@@ -84,7 +84,7 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 # --- temperature and its past --------------------------------------------------------------------------------------------------
 
-BLOCK, SHELL = "temperature_block_degC", "temperature_shell_degC"
+BLOCK, SHELL, MOUNT = "temperature_block_degC", "temperature_shell_degC", "temperature_mount_degC"
 
 
 def thermal_polynomial(rng: np.random.Generator, _: Sequence[Chamber]) -> Effect:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from experiments.concealed import observer
 from experiments.concealed.case import means
 from experiments.concealed.chamber import Chamber
-from experiments.concealed.effects import MONITORS, SHELL, Effect
+from experiments.concealed.effects import MONITORS, MOUNT, SHELL, Effect
 from experiments.concealed.noise import Noise
 from experiments.concealed.observer import Process
 from experiments.concealed.operators import first_order
@@ -21,20 +21,27 @@ Array = npt.NDArray[np.float64]
 Courses = Callable[[Chamber], list[Array]]
 _PLAIN = 2.0  # strength from which the path of two levels can be read off
 _TIMES_S = (1000.0, 3000.0, 9000.0)
+_SETTLING_S = (300.0, 600.0, 1200.0, 2400.0, 4800.0, 9600.0)
+_POWERS = (0.3, 0.5, 0.7)
 
 
-def _alone(value: Callable[[Chamber], Array]) -> Courses:
-    return lambda chamber: [value(chamber)]
+def _others(chamber: Chamber) -> list[Array]:
+    """The thermometers beside the block's, of those that were recorded."""
+    return [chamber[column] for column in (SHELL, MOUNT) if column in chamber.monitors]
+
+
+def _monitor(drivers: Sequence[str], value: Callable[[Chamber], Array]) -> Courses:
+    return lambda chamber: [value(chamber)] if set(drivers) <= set(chamber.monitors) else []
 
 
 _RIVALS: Mapping[str, Courses] = {
-    "temperature_rate": lambda c: [c.rate_K_min],
+    "temperature_rate": lambda c: [c.rate_K_min, *(np.gradient(other, c.step_s) for other in _others(c))],
     "rate_asymmetry": lambda c: [np.abs(c.rate_K_min)],
-    "thermal_gradient": lambda c: [c.block - c[SHELL]],
+    "thermal_gradient": lambda c: [c.block - other for other in _others(c)],
     "thermal_lag": lambda c: [first_order(c.block, c.step_s, tau_s) - c.block for tau_s in _TIMES_S],
-    "warm_up": lambda c: [np.exp(-c.time_s / tau_s) for tau_s in _TIMES_S],
-    "ageing": lambda c: [c.time_s],
-    **{name: _alone(value) for name, (_, value) in MONITORS.items()},
+    "warm_up": lambda c: [form for tau_s in _SETTLING_S for form in (np.exp(-c.time_s / tau_s), 1.0 / (1.0 + c.time_s / tau_s))],
+    "ageing": lambda c: [c.time_s, *(np.log1p(c.time_s / tau_s) for tau_s in _SETTLING_S), *(c.time_s**p for p in _POWERS)],
+    **{name: _monitor(drivers, value) for name, (drivers, value) in MONITORS.items()},
 }
 
 
@@ -76,6 +83,8 @@ class Informed:
         Number of runs, the first ones.
     seen : sequence of Chamber
         As the readings show the runs.
+    absent : collection of str
+        Columns that are not recorded: no rival of an effect reads them.
     baseline, nuisance : sequence of ndarray, shape (n, columns)
         Of the simulator, and of what acts beside the effects, run by run.
     beside : sequence of ndarray
@@ -88,6 +97,7 @@ class Informed:
     samples: int
     training: int
     seen: Sequence[Chamber]
+    absent: Collection[str]
     baseline: Sequence[Array]
     nuisance: Sequence[Array]
     beside: Sequence[Array]
@@ -126,6 +136,9 @@ class Informed:
     def separation(self) -> float:
         """Log-likelihood by which an effect that runs repeat beats simple forms of other causes: the smallest."""
         found = [math.inf]
+        recorded = [
+            dataclasses.replace(one, monitors={c: v for c, v in one.monitors.items() if c not in self.absent}) for one in self.seen
+        ]
         for number, one in enumerate(self.acting):
             if one.effect.repeats:
                 factors, design = self._without(number)
@@ -133,10 +146,10 @@ class Informed:
                     observer.whiten(factors, block) for block in (design, self._windows(self.gyro), self._windows(one.values))
                 )
                 courses = [
-                    self._windows([rival(chamber)[k] for chamber in self.seen])
+                    self._windows(list(course))
                     for name, rival in _RIVALS.items()
                     if name != one.effect.name
-                    for k in range(len(rival(self.seen[0])))
+                    for course in zip(*map(rival, recorded), strict=True)
                 ]
                 rivals = [observer.whiten(factors, course) for course in courses]
                 found.append(observer.separation(column, rivals, known, target))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import math
 import resource
@@ -49,13 +50,22 @@ def heading(plan: Plan, function: str = DIAGNOSE) -> Row:
     }
 
 
-def run_case(plan: Plan, function: str = DIAGNOSE) -> Row:
-    """Make a case, diagnose it by MODULE:FUNCTION, score it; a failure is scored as a wrong answer and the rest goes on."""
+def run_case(plan: Plan, function: str = DIAGNOSE, *, told: bool = False) -> Row:
+    """Make a case, diagnose it by MODULE:FUNCTION, score it; a failure is scored as a wrong answer and the rest goes on.
+
+    Parameters
+    ----------
+    plan : Plan
+    function : str
+    told : bool
+        The hidden effects are its only candidates.
+    """
     known = heading(plan, function)
     try:
         case = make_case(plan)
         known |= reachable(case)
-        return known | scored(case, diagnose=loaded(function))
+        diagnose = loaded(function)
+        return known | scored(case, functools.partial(diagnose, only=list(plan.hidden)) if told else diagnose)
     except Exception as error:  # noqa: BLE001  whatever it is, it is counted and the next case begins
         return known | {"failure": f"{type(error).__name__}: {error}"}
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -22,9 +23,17 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--mechanisms", action="store_true", help="decompose the residuals, and search the sizes behind the paper's"
     )
+    parser.add_argument("--nearest", type=int, metavar="UNIT", help="search the sizes of one unit from several starts alone")
+    parser.add_argument("--starts", type=int, default=2, help="of that, drawn at random (default 2)")
+    parser.add_argument("--steps", type=int, default=500, help="trials from each (default 500)")
     parser.add_argument("--out", type=Path, default=None, help="folder for figures 6 to 10 (PNG) and the tables (CSV)")
     options = parser.parse_args(argv)
     work = Work.of(options)
+    if options.nearest is not None:
+        pieces = [(options.nearest, "proportional", start, options.steps) for start in range(1, options.starts + 1)]
+        found = work.results("optica from", mechanisms.nearest, pieces)
+        _print_nearest(f"Unit {options.nearest}, {options.steps} trials", found, [f"start {piece[2]}" for piece in pieces])
+        return
     if options.mechanisms:
         _mechanisms(work, options.units)
         return
@@ -78,12 +87,17 @@ def _mechanisms(work: Work, units: int) -> None:
     _print("One size of every unit multiplied: mean of units, deg/h; distance: rms of the logarithms of the rows", scan)
     for law in ("proportional", "saturating"):
         found = work.results("optica nearest", mechanisms.nearest, [(seed, law) for seed in range(units)])
-        reached = pd.DataFrame([unit["rows"] for unit in found])[list(PUBLISHED)]
-        errors = reached / pd.Series(PUBLISHED) - 1.0
-        reached["rows within 10 %"] = (errors.abs() <= mechanisms.MATCHED).sum(axis=1).astype(float)
-        reached.index = [f"unit {seed}" for seed in range(units)]
-        _print(f"All sizes of a unit free, bias {law} in the readout difference: the nearest rows, deg/h", reached)
-        _print("The factors that bring them", pd.DataFrame([unit["factors"] for unit in found], index=reached.index), 2)
+        units_named = [f"unit {seed}" for seed in range(units)]
+        _print_nearest(f"All sizes of a unit free, bias {law} in the readout difference", found, units_named)
+
+
+def _print_nearest(title: str, found: Sequence[Mapping[str, Any]], names: Sequence[str]) -> None:
+    """The rows that were reached, and the factors that bring them."""
+    reached = pd.DataFrame([one["rows"] for one in found], index=names)[list(PUBLISHED)]
+    errors = reached / pd.Series(PUBLISHED) - 1.0
+    reached["rows within 10 %"] = (errors.abs() <= mechanisms.MATCHED).sum(axis=1).astype(float)
+    _print(f"{title}: the nearest rows, deg/h", reached)
+    _print("The factors that bring them", pd.DataFrame([one["factors"] for one in found], index=names), 2)
 
 
 def _print(title: str, table: pd.DataFrame, digits: int = 4) -> None:

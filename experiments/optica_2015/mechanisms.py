@@ -45,7 +45,8 @@ FACTORS: Final = (0.25, 0.5, 2.0, 4.0)
 MATCHED: Final = 0.1  # relative error of a row that counts as brought
 _AVERAGING_S: Final = 100.0
 _STEP_S: Final = 5.0
-_SEARCH_STEPS: Final = 120
+SEARCH_STEPS: Final = 120
+_SPREAD_OF_STARTS: Final = 0.5  # of the logarithms of factors
 _PRIOR: Final = 0.03  # of a squared logarithm of a factor, in squared logarithms of a row's error
 
 
@@ -225,7 +226,7 @@ def saturating(pair: Pair, sharpness: float) -> Pair:
     return dataclasses.replace(pair, contributions=(parts[0], parts[1]))
 
 
-def nearest(seed: int, law: str) -> dict[str, Any]:
+def nearest(seed: int, law: str, start: int = 0, steps: int = SEARCH_STEPS) -> dict[str, Any]:
     """Factors of a unit's mechanisms and noise that bring its rows nearest to the published ones, all at once.
 
     Parameters
@@ -233,9 +234,14 @@ def nearest(seed: int, law: str) -> dict[str, Any]:
     seed : int
     law : {"proportional", "saturating"}
         Of the bias by the readout difference; the sharpness of the second is searched as well.
+    start : int
+        From the unit as drawn (0), whose factors then are rather near one; or from factors drawn at random by this seed.
+    steps : int
+        Trials.
     """
     pair = pair_of(seed)
     names = (*pair.names, *(("sharpness",) if law == "saturating" else ()))
+    tried: list[tuple[float, Array]] = []
 
     def of(logs: Array) -> tuple[Pair, Array]:
         factors = np.exp(logs)
@@ -243,9 +249,11 @@ def nearest(seed: int, law: str) -> dict[str, Any]:
 
     def loss(logs: Array) -> float:
         found = rows_of(*of(logs), coarse=True)
-        return len(PUBLISHED) * distance(found) ** 2 + _PRIOR * float(logs @ logs) / len(logs)
+        value = len(PUBLISHED) * distance(found) ** 2 + (0.0 if start else _PRIOR) * float(logs @ logs) / len(logs)
+        tried.append((value, logs.copy()))
+        return value
 
-    best = optimize.minimize(
-        loss, np.zeros(len(names)), method="Powell", options={"maxfev": _SEARCH_STEPS, "xtol": 0.02, "ftol": 1e-3}
-    )
-    return {"factors": dict(zip(names, np.exp(best.x).tolist(), strict=True)), "rows": rows_of(*of(best.x))}
+    first = np.random.default_rng(start).normal(0.0, _SPREAD_OF_STARTS, len(names)) if start else np.zeros(len(names))
+    optimize.minimize(loss, first, method="Powell", options={"maxfev": steps, "xtol": 0.02, "ftol": 1e-3})
+    _, best = min(tried, key=lambda one: one[0])
+    return {"factors": dict(zip(names, np.exp(best).tolist(), strict=True)), "rows": rows_of(*of(best))}

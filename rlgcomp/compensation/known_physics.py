@@ -64,10 +64,15 @@ def known_physics(simulator: Simulator, runs: Sequence[Recording]) -> KnownPhysi
     Raises
     ------
     InputError
-        It is no simulator of a chamber, a run lacks a monitor, or none of its mechanisms has a causal form.
+        It is no simulator of a gyro in a chamber, a run lacks a monitor, or none of its mechanisms has a causal form.
     """
     if not isinstance(simulator, Simulator):
         raise InputError(f"physics is a {type(simulator).__name__}; give a Simulator, as diagnosis.augmented or from its file")
+    if simulator.output:
+        raise InputError(
+            f"physics: the simulator is of {simulator.output}, and a compensation is of a gyro; give a simulator without `output`, "
+            "in the gyro's unit"
+        )
     if simulator.kind != "chamber":
         raise InputError("physics: the simulator is of a turntable; a compensation takes the physics of a chamber simulator")
     terms: list[PhysicsTerm] = []
