@@ -297,6 +297,7 @@ def test_mechanisms_without_a_causal_form_are_named(runs: list[rlg.Recording]) -
         (rlg.Simulator((RandomTelegraph(),)), "differs from run to run"),
         (rlg.Simulator(()), "no mechanism beside a constant bias"),
         (rlg.Simulator(kind="turntable"), "of a turntable"),
+        (rlg.Simulator((ThermalPolynomial(),), output="force_N"), "of force_N, and a compensation is of a gyro"),
         ("augmented.yaml", "give a Simulator"),
     ],
 )

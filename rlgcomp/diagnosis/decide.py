@@ -140,8 +140,8 @@ def _owned(law: Region, regions: Sequence[Region]) -> bool:
 def _form_of_an_equation(region: Region, state: State, regions: Mapping[str, Region]) -> bool:
     """Whether a member may be what the equation of a named one of its columns and memory is wrong by: none of its forms departs.
 
-    Where some do, the model has weighed them. The equation has shapes, or the member follows more than the table's rate: what follows the rate alone beside one without
-    shapes, such as a misalignment, is no form of it, which is geometry and exact.
+    Where some do, the model has weighed them. The equation has shapes, or the member follows more than the table's rate: what
+    follows the rate alone beside one without shapes, such as a misalignment, is no form of it, which is geometry and exact.
     """
     size = next(member.size for member in state.members if member.form.region == region.key)
     for member in state.members:

@@ -82,7 +82,7 @@ class Search(Sharpening):
                     self.refined(found)
 
     def _from_the_finest(self) -> None:
-        """The likeliest set and its rivals at their finest, and it without members that may make up for a form that is off by little.
+        """The likeliest set and its rivals at their finest, and without members that may make up for a form that is off by little.
 
         Those count that are clearly likelier at their finest; what the likeliest does not need is left out, and what may stand in
         its place is tried again.
