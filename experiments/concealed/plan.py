@@ -24,7 +24,7 @@ KINDS: tuple[Kind, ...] = tuple(NUMBERS)
 NUISANCES: tuple[Nuisance, ...] = ("step", "run bias", "wrong number")
 NAMED: tuple[Kind, ...] = ("single", "weak", "pair", "triple", "unequal", "nuisance", "turntable")
 _MANY = 1_000_000  # seeds of a kind
-EDITION = 11  # of the page's cases: raised once those of a page were looked at one by one
+EDITION = 12  # of the page's cases: raised once those of a page were looked at one by one
 _OF_EDITION = 10_000  # seeds
 
 
