@@ -658,7 +658,7 @@ class TestManyCases:
         """Keys of the cases that are diagnosed, which is not done here."""
         keys: list[str] = []
 
-        def run(one: Plan, function: str, told: bool) -> dict[str, Any]:
+        def run(one: Plan, function: str, told: bool = False) -> dict[str, Any]:
             keys.append(key_of(one, function))
             return {"key": keys[-1]}
 

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 import pytest
+from scipy import signal
 
 import rlgcomp as rlg
 from rlgcomp.diagnosis.answer.posterior import Posterior
@@ -29,10 +30,8 @@ def monitors(rng: np.random.Generator) -> pd.DataFrame:
     """Two thermometers, of which the shell leads the block, and a supply voltage."""
     time_s = np.arange(0.0, HOURS * 3600.0, STEP_S)
     shell = np.interp(time_s, np.linspace(0.0, time_s[-1], 9), rng.uniform(-20.0, 55.0, 9)) + 3.0 * np.sin(time_s / 2500.0)
-    block, keep = np.empty(len(time_s)), math.exp(-STEP_S / 900.0)
-    block[0] = shell[0]
-    for k in range(1, len(time_s)):
-        block[k] = keep * block[k - 1] + (1.0 - keep) * shell[k]
+    keep = math.exp(-STEP_S / 900.0)
+    block, _ = signal.lfilter([1.0 - keep], [1.0, -keep], shell, zi=[keep * shell[0]])
     supply = 15.0 + 0.02 * np.interp(time_s, np.linspace(0.0, time_s[-1], 14), rng.uniform(-1.5, 1.5, 14))
     columns = {"temperature_block_degC": block, "temperature_shell_degC": shell, "supply_voltage_V": supply}
     return pd.DataFrame({"time_s": time_s, **columns})

@@ -15,7 +15,7 @@ from pathlib import Path
 from experiments.concealed import page
 from experiments.concealed.case import dump
 from experiments.concealed.cases import make_case
-from experiments.concealed.plan import KINDS, NUMBERS, Kind, plan
+from experiments.concealed.plan import KINDS, NAMED, NUMBERS, Kind, plan
 from experiments.concealed.score import DIAGNOSE, died, key_of, run_case
 from experiments.work import Work
 
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--tuning", action="store_true", help="cases for tuning, none of which is on the printed page")
     parser.add_argument("--only", choices=KINDS, action="append", help="only this kind; may be given again")
     parser.add_argument("--diagnose", default=DIAGNOSE, metavar="MODULE:FUNCTION", help=f"what diagnoses (default {DIAGNOSE})")
-    parser.add_argument("--told", action="store_true", help="the hidden effects are the only candidates, of kinds that have some")
+    parser.add_argument("--told", action="store_true", help="the hidden effects are the only candidates; kinds that have names")
     Work.add_options(parser, "concealed")
     parser.add_argument("--dump", type=Path, metavar="DIR", help="write the cases as files for the command line; score nothing")
     options = parser.parse_args(argv)
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     plans = [
         one
         for kind in options.only or KINDS
-        if kind in numbers
+        if kind in numbers and (kind in NAMED or not options.told)
         for one in plan(kind, numbers[kind], options.first, tuning=options.tuning)
     ]
     if options.dump:
@@ -55,9 +55,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             dump(make_case(one), options.dump / one.name)
             print(options.dump / one.name)
         return
-    run = functools.partial(run_case, function=options.diagnose, told=options.told)
-    lost = functools.partial(died, function=options.diagnose)
-    cases = {key_of(one, options.diagnose): one for one in plans}
+    run, lost = (functools.partial(one, function=options.diagnose, told=options.told) for one in (run_case, died))
+    cases = {key_of(one, options.diagnose, options.told): one for one in plans}
     rows = Work.of(options).rows(run, cases, died=lost, describe=page.mark)
     own = Work.without_options(sys.argv[1:] if argv is None else argv)
     print(f"# Concealed physics: `python -m experiments.concealed {shlex.join(own)}`\n")

@@ -32,15 +32,15 @@ _NEAR_WINDOWS = 3.0  # between a step and where it is found
 _CLOSER = 0.5  # of what a stated number is wrong by
 
 
-def key_of(plan: Plan, function: str = DIAGNOSE) -> str:
+def key_of(plan: Plan, function: str = DIAGNOSE, told: bool = False) -> str:
     """What a case is known by among the lines of a file."""
-    return plan.name + (f" by {function}" if function != DIAGNOSE else "")
+    return plan.name + (f" by {function}" if function != DIAGNOSE else "") + (" told" if told else "")
 
 
-def heading(plan: Plan, function: str = DIAGNOSE) -> Row:
+def heading(plan: Plan, function: str = DIAGNOSE, told: bool = False) -> Row:
     """What a case's line begins with."""
     return {
-        "key": key_of(plan, function),
+        "key": key_of(plan, function, told),
         "name": plan.name,
         "kind": plan.kind,
         "hidden": list(plan.hidden),
@@ -50,7 +50,7 @@ def heading(plan: Plan, function: str = DIAGNOSE) -> Row:
     }
 
 
-def run_case(plan: Plan, function: str = DIAGNOSE, *, told: bool = False) -> Row:
+def run_case(plan: Plan, function: str = DIAGNOSE, told: bool = False) -> Row:
     """Make a case, diagnose it by MODULE:FUNCTION, score it; a failure is scored as a wrong answer and the rest goes on.
 
     Parameters
@@ -60,7 +60,7 @@ def run_case(plan: Plan, function: str = DIAGNOSE, *, told: bool = False) -> Row
     told : bool
         The hidden effects are its only candidates.
     """
-    known = heading(plan, function)
+    known = heading(plan, function, told)
     try:
         case = make_case(plan)
         known |= reachable(case)
@@ -70,9 +70,9 @@ def run_case(plan: Plan, function: str = DIAGNOSE, *, told: bool = False) -> Row
         return known | {"failure": f"{type(error).__name__}: {error}"}
 
 
-def died(plan: Plan, function: str = DIAGNOSE) -> Row:
+def died(plan: Plan, function: str = DIAGNOSE, told: bool = False) -> Row:
     """The line of a case that takes its worker with it each time."""
-    return heading(plan, function) | {"failure": DIED}
+    return heading(plan, function, told) | {"failure": DIED}
 
 
 def loaded(function: str) -> Callable[..., Any]:
